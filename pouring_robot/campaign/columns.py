@@ -4,12 +4,7 @@ Which drives, travels and thermometers there are says the robot. Inside, values 
 temperatures in °C, as the names of the fields say.
 """
 
-from collections.abc import Iterable, Mapping
-
-import numpy as np
-
 from pouring_robot.io.quantities import Quantity, QuantityTable
-from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description import robot_file
 from pouring_robot.robot.description.definition import RobotDefinition
 
@@ -22,12 +17,6 @@ AMBIENT = "ambient"
 def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return what a campaign calls the drives."""
     return tuple(drive.column for drive in robot.drives)
-
-
-def stacked(quantities: Mapping[str, FloatArray], names: Iterable[str]) -> FloatArray:
-    """Return quantities (n,) side by side, (n, names); NaN where one is absent."""
-    empty = np.full(next(iter(quantities.values())).size, np.nan)
-    return np.stack([quantities.get(name, empty) for name in names], axis=-1)
 
 
 def approach_names(robot: RobotDefinition) -> tuple[str, ...]:

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.metadata import CampaignMetadata, metadata_path, read_metadata
-from pouring_robot.campaign.writer import campaign_files
+from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_path, read_metadata
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
@@ -76,12 +75,10 @@ class Campaign(Result):
     conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        rows = int(np.asarray(self.lines).size)
+        object.__setattr__(self, "lines", read_only(np.array(self.lines, dtype=np.int64)))
+        rows = len(self)
         if rows == 0:
             raise BadInputError("a campaign needs at least one row")
-        lines = np.array(self.lines, dtype=np.int64)
-        lines.flags.writeable = False
-        object.__setattr__(self, "lines", lines)
         if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
         for name, parts in columns.array_names(self.robot).items():
@@ -368,14 +365,14 @@ def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
     """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
 
-    Of drives and positions absent ones become NaN; of the others, what is absent or empty becomes None.
+    Of drives and positions absent ones become NaN; of the others, what is absent or empty is left out.
     """
+    known = {name: values for name, values in quantities.items() if np.isfinite(values).any()}
+    absent = np.full(next(iter(quantities.values())).size, np.nan)
     arrays: dict[str, Any] = {
-        array: columns.stacked(quantities, names) for array, names in columns.array_names(robot).items()
+        array: np.stack([quantities.get(name, absent) for name in names], axis=-1)
+        for array, names in columns.array_names(robot).items()
+        if array == "position_m" or not known.keys().isdisjoint(names)
     }
-    arrays = {n: v if n == "position_m" or np.isfinite(v).any() else None for n, v in arrays.items()}
-    conditions = [name for name in columns.condition_names(robot) if name in quantities]
-    return arrays | {
-        "drives": robot.drive_values(quantities),
-        "conditions": {name: quantities[name] for name in conditions if np.isfinite(quantities[name]).any()},
-    }
+    conditions = {name: known[name] for name in columns.condition_names(robot) if name in known}
+    return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

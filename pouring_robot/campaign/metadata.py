@@ -1,25 +1,31 @@
-"""``campaign.yaml``: what holds for a whole campaign. The file in its own units, and the same in SI units."""
+"""``campaign.yaml``: what holds for a whole campaign, in its own units and in SI units; writing both files of one."""
 
 import io
 import math
-import operator
-from collections.abc import Callable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 import pydantic
 from pydantic import Field, Strict
 from ruamel.yaml import YAML
 
-from pouring_robot.exceptions import CampaignError, CampaignFileError
+from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
+from pouring_robot.exceptions import CampaignError, CampaignFileError, OutputError
+from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
 
 _Number = Annotated[float, Strict()]
 _Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
 PER_SESSION: Frames = "per session"
+# Digits written: a hundredth of the best tracker's noise.
+_DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
 
 
 class CampaignMetadata(StrictModel):
@@ -89,19 +95,13 @@ class _Section(StrictModel):
             given = [name for name in per_unit if getattr(self, name) is not None]
             if len(given) > 1:
                 raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
-            found[fact] = None
-            for key in given:
-                found[fact] = _each(getattr(self, key), per_unit[key], operator.truediv)
+            found[fact] = (np.array(getattr(self, given[0])) / per_unit[given[0]]).tolist() if given else None
         return found
 
     @pydantic.model_validator(mode="after")
     def _unambiguous(self) -> Self:
         self.facts()
         return self
-
-
-def _each(value: float | Triple, per: float, change: Callable[[float, float], float]) -> float | list[float]:
-    return [change(one, per) for one in value] if isinstance(value, tuple) else change(value, per)
 
 
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
@@ -175,11 +175,53 @@ def metadata_text(metadata: CampaignMetadata) -> str:
         for fact, per_unit in units.items():
             (key, per), value = next(iter(per_unit.items())), getattr(metadata, fact)
             if value is not None:
-                content.setdefault(name, {})[key] = _each(value, per, lambda one, per: float(f"{one * per:.12g}"))
+                told = [float(f"{one * per:.12g}") for one in np.ravel(value).tolist()]
+                content.setdefault(name, {})[key] = told if isinstance(value, tuple) else told[0]
     if metadata.reference_temperature_degC is not None:
         content[_TEMPERATURE] = metadata.reference_temperature_degC
     stream = io.StringIO()
     yaml = YAML()
     yaml.width = 110
     yaml.dump(content, stream)
+    return stream.getvalue()
+
+
+def campaign_files(
+    path: Path, columns: Iterable[tuple[Quantity, FloatArray | Sequence[str]]], metadata: CampaignMetadata
+) -> dict[Path, bytes]:
+    """Return what the two files of a campaign hold, by path: the table, CSV or Parquet by its suffix, and the YAML.
+
+    Columns hold their n values in inner units; labels that are all empty are left out.
+
+    Raises:
+        OutputError: the suffix is that of the YAML file.
+    """
+    if path.suffix.lower() in (".yaml", ".yml"):
+        raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
+    cells: dict[str, list[str]] = {}
+    for column, values in columns:
+        if column.kind == "label":
+            cells |= {column.name: [str(value) for value in values]} if any(values) else {}
+            continue
+        millimetres = column.kind == "length" and (column.required or column.name in MEASURED)
+        digits = _DIGITS[column.kind]
+        scaled = np.round(np.asarray(values, dtype=float) * (1e3 if millimetres else 1.0), digits) + 0.0
+        heading = f"{column.name}_mm" if millimetres else column.canonical
+        cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
+    parquet = path.suffix.lower() in PARQUET_SUFFIXES
+    table = _parquet(cells) if parquet else csv_text(cells, zip(*cells.values(), strict=True)).encode()
+    return {path: table, path.with_suffix(".yaml"): metadata_text(metadata).encode()}
+
+
+def _parquet(cells: Mapping[str, list[str]]) -> bytes:
+    import pyarrow
+    import pyarrow.parquet
+
+    labels = ("sample", "session", DISTANCE_FROM)
+    content = {
+        heading: column if heading in labels else [float(cell) if cell else None for cell in column]
+        for heading, column in cells.items()
+    }
+    stream = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(content), stream)
     return stream.getvalue()

@@ -174,19 +174,19 @@ def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
     ((what, name),) = robot.model.named.items()
+    facts: dict[str, Any] = {"target": robot.model.loops().end_frame}
+    if isinstance(robot, PouringRobot):
+        ladle = robot.layout.ladle
+        facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
+        facts |= {"ladle_tare_kg": ladle.tare.value, "ladle_centre_of_mass_m": ladle.centre_of_mass.metres}
     metadata = CampaignMetadata(
         robot=robot.model.definition.name,
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
         sigma_position_m=options.sigma_position_m or None,
         sigma_rotation_rad=options.sigma_rotation_rad or None,
         reference_temperature_degC=REFERENCE_DEGC,
+        **facts,
     )
-    facts: dict[str, Any] = {"target": robot.model.loops().end_frame}
-    if isinstance(robot, PouringRobot):
-        ladle = robot.layout.ladle
-        facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
-        facts |= {"ladle_tare_kg": ladle.tare.value, "ladle_centre_of_mass_m": ladle.centre_of_mass.metres}
-    metadata = metadata.model_copy(update=facts)
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)
     drives = {drive.column: drive.commanded(values) for drive, values in both}

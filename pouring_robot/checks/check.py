@@ -14,10 +14,9 @@ from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import check_columns, distinct_poses
 from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
-from pouring_robot.checks.frames import FrameChecks
+from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.noise import check_noise
 from pouring_robot.checks.outliers import check_rows
-from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.quantities import UNITS

@@ -1,6 +1,6 @@
 """Checks that need no robot: repeated rows, stuck and jumping columns, approach, time, noise, number of rows."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,20 @@ _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled colum
 
 def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
     """Yield what is wrong with the columns as such."""
-    for check in _CHECKS:
+    for check in (
+        _row_count,
+        _missing_drives,
+        _repeated_rows,
+        _stuck_measurements,
+        _stuck_drives,
+        _stuck_temperatures,
+        _temperature_jumps,
+        _approach,
+        _time,
+        _noise_level,
+        _temperatures,
+        _ignored,
+    ):
         yield from check(campaign)
 
 
@@ -219,19 +232,3 @@ def _runs(same: BoolArray, longest: int) -> Iterator[Rows]:
     for start, end in edges.reshape(-1, 2):
         if end - start + 1 >= longest:
             yield np.arange(start, end + 1)
-
-
-_CHECKS: tuple[Callable[[Campaign], Iterator[DataFlag]], ...] = (
-    _row_count,
-    _missing_drives,
-    _repeated_rows,
-    _stuck_measurements,
-    _stuck_drives,
-    _stuck_temperatures,
-    _temperature_jumps,
-    _approach,
-    _time,
-    _noise_level,
-    _temperatures,
-    _ignored,
-)

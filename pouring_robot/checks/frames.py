@@ -2,7 +2,8 @@
 
 The nominal robot predicts every measured pose up to the two unknown frames. Where prediction and measurement differ by
 more than errors of a robot can, each usual mistake is undone in turn; the one that brings the misfit down to
-a fifth or less is named, and undone for the checks that follow.
+a fifth or less is named, and undone for the checks that follow. Before that it is asked whether sessions measured from
+places of their own, though the campaign says that they did not.
 """
 
 import contextlib
@@ -13,20 +14,17 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import nominal_poses
+from pouring_robot.campaign.metadata import PER_SESSION
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.checks.units_and_axes import (
-    DRIVE_MISTAKES,
-    TURN_MISTAKES,
-    Comparison,
-    Mistake,
-    position_mistakes,
-)
+from pouring_robot.checks.units_and_axes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
-from pouring_robot.exceptions import FrameFitError
+from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
@@ -42,6 +40,32 @@ _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itse
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _LIMIT_SLACK = 1e-3  # m or rad
+_SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
+_TIMES_BETTER = 3.0
+
+
+def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campaign, list[DataFlag]]:
+    """Return a campaign seen from one place; with a finding, where it does not say that it was not.
+
+    That is where each session by itself agrees with the robot far better than all from one place.
+    """
+    if len(set(campaign.sessions)) < 2 or campaign.metadata.frames == PER_SESSION:
+        return in_one_frame(campaign, poses), []
+    metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
+    try:
+        together = in_one_frame(dataclasses.replace(campaign, metadata=metadata), poses)
+        compared = (Comparison(c.drives, poses, c.position_m, c.rotation_vector_rad) for c in (campaign, together))
+        before, after = (one.fit(1.0).position_scale_m for one in compared)
+    except (CampaignError, FrameFitError):
+        return campaign, []  # too few rows to say
+    moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
+    if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
+        return campaign, []
+    message = (
+        f"sessions measured from places up to {moved:.3g} m apart: from one place they miss the robot by "
+        f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
+    )
+    return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
 
 
 def metres_per_rad(campaign: Campaign) -> float:

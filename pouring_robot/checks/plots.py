@@ -33,26 +33,22 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = outlier_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
-    x, y, z = poses.position_m.T * 1e3
-    third = ("seen along z", x, y, ("x [mm]", "y [mm]"))
+    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
+    values = dict(zip(("x", "y", "z", "tilt"), (*poses.position_m.T * 1e3, tilt), strict=True))
+    third, limits = ("seen along z", "x", "y"), dict[str, tuple[float, float]]()
     if layout is not None:
-        tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
-        third = ("tilt over height", tilt, z, ("tilt [°]", "z [mm]"))
-    sights = (
-        ("X", "seen along y", x, z, ("x [mm]", "z [mm]")),
-        ("Y", "seen along x", y, z, ("y [mm]", "z [mm]")),
-        ("T", *third),
-    )
-    for key, title, across, up, (xlabel, ylabel) in sights:
-        _points(sights_of[key], campaign, across, up, wrong)
+        third = ("tilt over height", "tilt", "z")
+        box = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
+        limits = dict(zip("xyz", zip(*box, strict=True), strict=True))
+        limits["tilt"] = math.degrees(layout.tilt_lower_rad), math.degrees(layout.tilt_upper_rad)
+    sights = {"X": ("seen along y", "x", "z"), "Y": ("seen along x", "y", "z"), "T": third}
+    for key, (title, across, up) in sights.items():
+        xlabel, ylabel = (f"{name} [{'°' if name == 'tilt' else 'mm'}]" for name in (across, up))
+        _points(sights_of[key], campaign, values[across], values[up], wrong)
         sights_of[key].set(title=title, xlabel=xlabel, ylabel=ylabel)
         sights_of[key].grid(alpha=0.25)
-    if layout is not None:
-        low, high = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
-        draw_box(sights_of["X"], (low[0], high[0]), (low[2], high[2]))
-        draw_box(sights_of["Y"], (low[1], high[1]), (low[2], high[2]))
-        tilts = math.degrees(layout.tilt_lower_rad), math.degrees(layout.tilt_upper_rad)
-        draw_box(sights_of["T"], tilts, (low[2], high[2]))
+        if limits:
+            draw_box(sights_of[key], limits[across], limits[up])
     _misfit(sights_of["M"], campaign, found, wrong)
     handles, labels = sights_of["X"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)

@@ -25,27 +25,10 @@ from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
 # By name, in the order of use, as on the help page: the module that each stands in, imported when it is asked for.
-_MODULES = {
-    path.rpartition(".")[2]: path
-    for path in (
-        "examples",
-        "robots",
-        "robot",
-        "poses.pose",
-        "poses.path",
-        "poses.view",
-        "campaign",
-        "diagnose",
-        "effects",
-        "calibrate",
-        "poses.compensate",
-        "sensitivity",
-        "sweep",
-        "thermal",
-        "regress",
-        "export",
-    )
-}
+_MODULES = {path.rpartition(".")[2]: path for path in (
+    "examples", "robots", "robot", "poses.pose", "poses.path", "poses.view", "campaign", "diagnose", "effects",
+    "calibrate", "poses.compensate", "sensitivity", "sweep", "poses.thermal", "regress", "export",
+)}  # fmt: skip
 _COMMANDS = tuple(_MODULES)
 _FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
 
@@ -179,7 +162,3 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
         print(details, file=sys.stderr)
         kept = "please report it with the lines above"
     return f"{what}{where}; {kept}"
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.tables import print_blocks
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.calibration.calibrate import Calibration
-    from pouring_robot.report.page import Table
 
 OutFolder = Annotated[
     Path, options.results_folder("calibrated.yaml", "calibration.json", "report.html", what="URDF with meshes")
@@ -20,14 +17,13 @@ OutFolder = Annotated[
 Parameters = Annotated[
     list[str] | None,
     options.opt(
-        "--parameters",
         "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; may "
         "be given more than once. Each group is kept only where it helps held-out rows.",
         metavar="SET",
     ),
 ]
-LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("--loss", "How outliers count.")]
-KeepAll = Annotated[bool, options.opt("--keep-all", "Keep all parameters, whether or not they help.")]
+LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("How outliers count.")]
+KeepAll = Annotated[bool, options.opt("Keep all parameters, whether or not they help.", "--keep-all")]
 
 
 def calibrate(
@@ -50,7 +46,7 @@ def calibrate(
     from pouring_robot.estimation.map_fit import FitOptions
     from pouring_robot.robot.tolerances import Tolerances
 
-    present = options.model_of(model, robot)
+    present = bundles.Which(model, robot).read()
     options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
@@ -65,34 +61,31 @@ def calibrate(
         show("writing", 0, 0)
         written = found.save(out)
     if as_json:
-        options.print_figures(calibration_metrics(found), written)
-        return
-    console = options.console()
-    _print(console, found)
-    options.print_written(console, written)
+        return options.print_figures(calibration_metrics(found), written)
+    _print(found)
+    options.print_written(written)
 
 
-def _print(console: Console, found: Calibration) -> None:
+def _print(found: Calibration) -> None:
+    from dataclasses import replace
+
     from pouring_robot.calibration import report
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
-    def show(table: Table, most: int | None = None) -> None:
-        console.print(plain_table(table.head, table.rows[:most], table.left))
-
-    console.print(report.headline(found), style="bold")
+    options.say(report.headline(found), style="bold")
     for line in warnings_of(found):
-        console.print(f"warning: {line}", style="yellow")
-    console.print(report.split_line(found))
-    show(report.gap_table(found))
+        options.say(f"warning: {line}", style="yellow")
+    options.say(report.split_line(found))
+    print_blocks([report.gap_table(found)])
     for line in (*report.performance_lines(found), report.ladle_line(found)):
-        console.print(line)
+        options.say(line)
     combinations = report.combination_table(found, report.WIDTH)
     if combinations.rows:
-        show(report.effect_table(found))
-        show(combinations, report.SHOWN)
+        first = replace(combinations, rows=combinations.rows[: report.SHOWN])
+        print_blocks([report.effect_table(found), first])
         if len(combinations.rows) > report.SHOWN:
-            console.print(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
-    options.print_notes(console, notes_of(found))
-    console.print("next:")
+            options.say(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
+    options.print_notes(notes_of(found))
+    options.say("next:")
     for line in next_measurements(found):
-        console.print(f"  {line}")
+        options.say(f"  {line}")

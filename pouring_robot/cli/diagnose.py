@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.tables import print_lines, print_table
 from pouring_robot.exceptions import DiagnosisError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.diagnosis.diagnose import Diagnosis
 
 OutFolder = Annotated[
@@ -19,20 +17,16 @@ OutFolder = Annotated[
 ]
 Exclude = Annotated[
     list[str] | None,
-    options.opt(
-        "--exclude", "An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"
-    ),
+    options.opt("An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
 ]
 FalseNames = Annotated[
     float,
     options.opt(
-        "--false-names",
-        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
-        metavar="RATE",
+        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
     ),
 ]
 NextCount = Annotated[
-    int, options.opt("--next", "How many measurements to suggest, as the plan next.csv.", metavar="N", min=1, max=75)
+    int, options.opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
 ]
 
 
@@ -53,7 +47,7 @@ def diagnose(
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
 
-    present = options.model_of(model, robot)
+    present = bundles.Which(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count
     )
@@ -68,20 +62,17 @@ def diagnose(
         show("writing the report", 0, 0)
         written = found.save(out)
     if as_json:
-        options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
-        return
-    console = options.console()
-    _print(console, found)
-    options.print_written(console, sorted(written, key=lambda path: path.name == METRICS))
+        return options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
+    _print(found)
+    options.print_written(sorted(written, key=lambda path: path.name == METRICS))
 
 
-def _print(console: Console, diagnosis: Diagnosis) -> None:
+def _print(diagnosis: Diagnosis) -> None:
     from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
 
-    console.print(headline(diagnosis), style="bold")
-    console.print(gap_sentence(diagnosis))
-    console.print(plain_table(*gap_table(diagnosis), left=(0, 1)))
+    options.say(headline(diagnosis), style="bold")
+    options.say(gap_sentence(diagnosis))
+    print_table(*gap_table(diagnosis), left=(0, 1))
     for heading, lines in sections(diagnosis):
-        console.print(f"{heading}:", style="bold")
-        for line in lines:
-            options.print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))
+        options.say(f"{heading}:", style="bold")
+        print_lines(lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options
 
 if TYPE_CHECKING:
     from pouring_robot.robot.model import RobotModel
@@ -15,14 +15,12 @@ _SHOWN = 6
 
 def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) -> None:
     """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
-    found = _library(options.model_of(None, robot))
+    found = _library(bundles.Which(robot=robot).read())
     if as_json:
-        options.print_json({"effects": found})
-        return
-    console = options.console()
+        return options.print_json({"effects": found})
     for item in found:
-        console.print(f"{item['effect']}: {item['story']}", style="bold")
-        options.print_indented(console, f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
+        options.say(f"{item['effect']}: {item['story']}", style="bold")
+        options.print_indented(f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
         # Values of one constant stand on one line.
         for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):
             form, *others = alike
@@ -33,7 +31,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
             if others:
                 name += f" to {others[-1]['form']} ({1 + len(others)} values of one {form['one_of']})"
             shown = ", ".join(named[:_SHOWN]) + (f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else "")
-            options.print_indented(console, f"{name}: {shown}{more}")
+            options.print_indented(f"{name}: {shown}{more}")
 
 
 def _library(model: RobotModel) -> list[dict[str, Any]]:

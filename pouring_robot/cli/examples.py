@@ -17,9 +17,8 @@ def copy(folder: Folder) -> None:
     from pouring_robot.robot.export.paths import examples_path
 
     files = copy_folder(examples_path(), folder)
-    console = options.console()
-    console.print(f"copied {len(files)} files to {folder}")
-    console.print(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}")
+    options.say(f"copied {len(files)} files to {folder}")
+    options.say(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}")
 
 
 examples = group_of("The examples that come with the package.", [copy])

@@ -9,7 +9,7 @@ from pouring_robot.exceptions import BadInputError
 OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
-    options.opt("--format", "sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings."),
+    options.opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
 ]
 
 
@@ -18,8 +18,8 @@ def export(
     out: OutFolder,
     form: Form = "urdf",
     commanded: bundles.Commanded,
-    zero_here: Annotated[bool, options.opt("--zero-here", "URDF: count all joints from this pose.")] = False,
-    absolute_meshes: Annotated[bool, options.opt("--absolute-meshes", "URDF: address meshes from /.")] = False,
+    zero_here: Annotated[bool, options.opt("URDF: count all joints from this pose.", "--zero-here")] = False,
+    absolute_meshes: Annotated[bool, options.opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
     which: bundles.Which,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
@@ -42,17 +42,16 @@ def export(
     closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
-    console = options.console()
-    options.print_written(console, reversed(write_together(files)))
+    options.print_written(reversed(write_together(files)))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
-    console.print(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
+    options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if gap:
         loops = closed.mechanism.loops
-        console.print(
+        options.say(
             f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
             f"values of {gap.poses} poses of the workspace it is {gap.rms_m / MM:.2g} mm rms and "
             f"{gap.largest_m / MM:.2g} mm at most off"
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}
-    options.print_notes(console, [*([note] if note else []), *mimic_notes(followers)])
+    options.print_notes([*([note] if note else []), *mimic_notes(followers)])

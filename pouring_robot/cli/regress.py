@@ -15,12 +15,11 @@ TableFile = Annotated[
     ),
 ]
 PosesFile = Annotated[
-    Path | None,
-    options.reads("--poses", "Where: columns set, x_mm y_mm z_mm (or drives of any robot).", metavar="FILE.csv"),
+    Path | None, options.reads("Where: columns set, x_mm y_mm z_mm (or drives of any robot).", "FILE.csv")
 ]
 Method = Annotated[
     Literal["none", "paper", "components", "mean", "pose"] | None,
-    options.opt("--method", "What goes into the file (default: what leaves least of sets left out)."),
+    options.opt("What goes into the file (default: what leaves least of sets left out)."),
 ]
 Similarity = Literal["absolute", "shifted"]
 
@@ -28,14 +27,14 @@ Similarity = Literal["absolute", "shifted"]
 def regress(
     table: TableFile,
     poses: PosesFile = None,
-    axis: Annotated[Literal["x", "y", "z"] | None, options.opt("--axis", "Direction of P1_mm ….")] = None,
+    axis: Annotated[Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm ….")] = None,
     method: Method = None,
     groups: Annotated[int, typer.Option(min=1, help="Groups that the clustering cuts.")] = 2,
-    cut: Annotated[float | None, options.opt("--lambda", "Cut there instead.", metavar="L")] = None,
+    cut: Annotated[float | None, options.opt("Cut there instead.", "--lambda", metavar="L")] = None,
     similarity: Annotated[
-        Similarity, options.opt("--similarity", "Whether sets of opposite sign are alike (absolute) or not.")
+        Similarity, options.opt("Whether sets of opposite sign are alike (absolute) or not.")
     ] = "absolute",
-    out: Annotated[Path | None, options.writes("--out", "Write a thermal-model file.", metavar="FILE.yaml")] = None,
+    out: Annotated[Path | None, options.writes("Write a thermal-model file.", "FILE.yaml")] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -59,9 +58,7 @@ def regress(
     if report is not None:
         written.append(write_whole(report, pages.html_report(found)))
     if as_json:
-        options.print_figures(found.figures(), written)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
-    print_blocks(console, pages.blocks(found))
-    options.print_written(console, written)
+        return options.print_figures(found.figures(), written)
+    options.say(found.headline, style="bold")
+    print_blocks(pages.blocks(found))
+    options.print_written(written)

@@ -7,12 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from pouring_robot.cli.shared import options
-from pouring_robot.cli.shared.bundles import group_of
+from pouring_robot.cli.shared import bundles, options
 from pouring_robot.exceptions import BadInputError
 
 Urdf = Annotated[Path, options.argument("URDF", "The robot's URDF, or a xacro.")]
-Out = Annotated[Path | None, options.writes("--out", "Where to write it (default: robot.yaml beside the URDF).")]
+Out = Annotated[Path | None, options.writes("Where to write it (default: robot.yaml beside the URDF).")]
 
 _OWN = ("layouts.yaml", "model.yaml", "robot.html")
 
@@ -29,12 +28,11 @@ def init(urdf: Urdf, out: Out = None) -> None:
     options.refuse_present([path])
     text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
     write_whole(path, text)
-    console = options.console()
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
-    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
-    options.print_written(console, (path,))
-    console.print(f"next: read its comments, then pouring-robot robots --robot {path}")
+    options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
+    options.print_written((path,))
+    options.say(f"next: read its comments, then pouring-robot robots --robot {path}")
 
 
 def _two(help_: str) -> Any:
@@ -70,7 +68,6 @@ def new(
 
     All else (ladle, truss, parts of the legs) stays the paper's robot's, in layouts.yaml, to be changed there.
     """
-    from pouring_robot.cli.shared.locations import write_drawings
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
@@ -88,12 +85,11 @@ def new(
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
     written = write_together({layouts: layout.file_text(), model: own.file_text(out)})
     middle = PouringRobot(RobotModel.load(model)).location_in_the_middle()
-    written += write_drawings([middle], page, png, None)
-    console = options.console()
+    written += bundles.Drawing(html=page, png=png).write([middle], own)
     for line in lines:
-        console.print(line)
-    options.print_written(console, written)
-    console.print(f"next: pouring-robot robots --model {model}")
+        options.say(line)
+    options.print_written(written)
+    options.say(f"next: pouring-robot robots --model {model}")
 
 
 def _asked(key: str, usual: Any) -> Any:
@@ -123,4 +119,4 @@ def _asked(key: str, usual: Any) -> Any:
         raise BadInputError("nobody is there to answer; --yes asks nothing") from None
 
 
-robot = group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])
+robot = bundles.group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])

@@ -10,8 +10,6 @@ from pouring_robot.cli.shared import bundles, options
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from rich.console import Console
-
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.robot import Robot
 
@@ -92,14 +90,13 @@ def robots(*, which: bundles.Which, as_json: options.AsJson = False) -> None:
         chosen = [RobotModel(layout=name) for name in layout_names()]
     figures = [robot_figures(robot_of(one)) for one in chosen]
     if as_json:
-        options.print_json(figures)
-        return
+        return options.print_json(figures)
     for found, one in zip(figures, chosen, strict=True):
         geared = {d.joint: d.command for d in one.definition.drives if d.factor != 1.0}
-        _print(options.console(), found, geared)
+        _print(found, geared)
 
 
-def _print(console: Console, robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"]]) -> None:
+def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"]]) -> None:
     """Print what is known of a robot; of drives with a gear also what is commanded."""
     from pouring_robot.cli.shared.locations import unseen_note
 
@@ -108,27 +105,27 @@ def _print(console: Console, robot: dict[str, Any], geared: Mapping[str, Literal
         f"{robot['equations']} closure equations of rank {robot['rank_nominal']}" if robot["loops"] else "no loops"
     )
     redundant = f" ({robot['equations'] - robot['rank_nominal']} equations redundant)" if robot["loops"] else ""
-    console.print(
+    options.say(
         f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {robot['bodies']} bodies, "
         f"{robot['mass_kg']:.0f} kg\n  {joints}, {closures}: {robot['freedoms']} freedoms{redundant}"
     )
     if not robot["pose_determined"]:
-        console.print(
+        options.say(
             "  the drives do not determine the pose: name all that is driven, or another home if this one is singular"
         )
     if robot["displaced_joints"]:
-        console.print(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
+        options.say(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
     for joint in robot["unseen_displacements"]:
-        console.print(f"  {unseen_note(joint)}")
+        options.say(f"  {unseen_note(joint)}")
     for name, drive in robot["drives"].items():
         edges = [f"{edge:.6g}" if edge is not None else "any" for edge in (drive["lower"], drive["upper"])]
         column = robot["campaign_columns"][name]
         called = "" if column == name else f"; {column} in campaigns"
         if command := geared.get(name):
             called = f"; {column}_{'mm' if command == 'length' else 'deg'} in campaigns, the {command} of its motor"
-        console.print(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}")
+        options.say(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}")
     if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
         box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)
         tilt = workspace["tilt"]
-        console.print(f"  workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")
+        options.say(f"  workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 
 Limits = tuple[float, float] | None
 OutFolder = Annotated[
@@ -20,17 +20,17 @@ def sensitivity(
     which: bundles.Which,
     poses: Annotated[int, typer.Option(min=2, max=200_000, help="Poses all over the workspace.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of their drawing.")] = 2022,
-    length_mm: Annotated[float, options.opt("--length-mm", "Size of every length error.")] = 0.2,
-    angle_mrad: Annotated[float, options.opt("--angle-mrad", "Size of every angle error.")] = 4.0,
-    limit_mm: Annotated[float, options.opt("--limit-mm", "Errors beyond it are those to control.")] = 1.0,
-    x_mm: Annotated[Limits, options.opt("--x-mm", "Range of x.", metavar="LOW HIGH")] = None,
-    y_mm: Annotated[Limits, options.opt("--y-mm", "Range of y.", metavar="LOW HIGH")] = None,
-    z_mm: Annotated[Limits, options.opt("--z-mm", "Range of z.", metavar="LOW HIGH")] = None,
-    tilt_deg: Annotated[Limits, options.opt("--tilt-deg", "Range of the tilt.", metavar="LOW HIGH")] = None,
+    length_mm: Annotated[float, options.opt("Size of every length error.")] = 0.2,
+    angle_mrad: Annotated[float, options.opt("Size of every angle error.")] = 4.0,
+    limit_mm: Annotated[float, options.opt("Errors beyond it are those to control.")] = 1.0,
+    x_mm: Annotated[Limits, options.opt("Range of x.", metavar="LOW HIGH")] = None,
+    y_mm: Annotated[Limits, options.opt("Range of y.", metavar="LOW HIGH")] = None,
+    z_mm: Annotated[Limits, options.opt("Range of z.", metavar="LOW HIGH")] = None,
+    tilt_deg: Annotated[Limits, options.opt("Range of the tilt.", metavar="LOW HIGH")] = None,
     parameters: Annotated[
-        list[str] | None, options.opt("--parameters", "Set, group, name or pattern; repeatable.", metavar="NAME")
+        list[str] | None, options.opt("Set, group, name or pattern; repeatable.", metavar="NAME")
     ] = None,
-    frame: Annotated[str | None, options.opt("--frame", "Whose displacement counts.", metavar="NAME")] = None,
+    frame: Annotated[str | None, options.opt("Whose displacement counts.", metavar="NAME")] = None,
     out: OutFolder = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -62,19 +62,16 @@ def sensitivity(
         found = studied(which.read(), request, show)
         written = found.save(out) if out is not None else []
     if as_json:
-        options.print_figures(found.figures(), written)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
+        return options.print_figures(found.figures(), written)
+    options.say(found.headline, style="bold")
     table = report.errors_table(found)
     title = "each error alone" + (": closed robot, and the open branch of eq. 5" if len(found.samples) > 1 else "")
-    console.print(plain_table(table.head, table.rows[:_SHOWN], (0, 1, 6), title=title))
-    if len(found.parameters) > _SHOWN:
-        console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out DIR, --json)")
+    beyond = "weaker ones (--out DIR, --json)"
+    print_table(table.head, table.rows, (0, 1, 6), title=title, most=_SHOWN, beyond=beyond)
     controls = report.control_lines(found)
     for line in controls[:_PARTS_SHOWN]:
-        options.print_indented(console, line)
+        options.print_indented(line)
     if len(controls) > _PARTS_SHOWN:
-        console.print(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
-    console.print(report.missed_line(found))
-    options.print_written(console, written)
+        options.say(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
+    options.say(report.missed_line(found))
+    options.print_written(written)

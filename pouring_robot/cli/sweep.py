@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, StoppedError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.report.page import Table
 
 _SHOWN = 15
@@ -19,15 +17,11 @@ _SHOWN = 15
 
 def sweep(
     config: Annotated[Path, options.argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
-    out: Annotated[Path, options.opt("--out", "Folder for the results; made if it is absent.", metavar="DIR")],
-    resume: Annotated[bool, options.opt("--resume", "Go on with a sweep that was stopped.")] = False,
-    overwrite: Annotated[bool, options.opt("--overwrite", "Begin anew in place of a sweep that is there.")] = False,
-    workers: Annotated[
-        int, options.opt("--workers", "Processes on this machine (default: this one).", metavar="N", min=0)
-    ] = 0,
-    scheduler: Annotated[
-        str | None, options.opt("--scheduler", "Compute on this Dask cluster instead.", metavar="ADDRESS")
-    ] = None,
+    out: Annotated[Path, options.opt("Folder for the results; made if it is absent.", metavar="DIR")],
+    resume: Annotated[bool, options.opt("Go on with a sweep that was stopped.", "--resume")] = False,
+    overwrite: Annotated[bool, options.opt("Begin anew in place of a sweep that is there.", "--overwrite")] = False,
+    workers: Annotated[int, options.opt("Processes on this machine (default: this one).", metavar="N", min=0)] = 0,
+    scheduler: Annotated[str | None, options.opt("Compute on this Dask cluster instead.", metavar="ADDRESS")] = None,
     robot: options.RobotFile = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -61,20 +55,17 @@ def sweep(
             raise StoppedError(f"stopped; {kept}") from stop
     written = (outcome.store.path, *outcome.save())
     if as_json:
-        options.print_figures(outcome.figures(), written)
-        return
-    console = options.console()
+        return options.print_figures(outcome.figures(), written)
     for k, line in enumerate(report.summary_lines(outcome)):
-        console.print(line, style="" if k else "bold", soft_wrap=True)
+        options.say(line, style="" if k else "bold", soft_wrap=True)
     title = f"the tolerances that matter most ({outcome.summary.frame})"
-    _print_first(console, report.ranking_table(outcome), title)
+    _print_first(report.ranking_table(outcome), title)
     if outcome.allocation:
-        console.print(report.allocation_line(outcome.allocation), soft_wrap=True)
-        _print_first(console, report.allocation_table(outcome.allocation), "tightest first")
-    options.print_written(console, written)
+        options.say(report.allocation_line(outcome.allocation), soft_wrap=True)
+        _print_first(report.allocation_table(outcome.allocation), "tightest first")
+    options.print_written(written)
 
 
-def _print_first(console: Console, table: Table, title: str) -> None:
-    console.print(plain_table(table.head, table.rows[:_SHOWN], table.left, title=title, wrap=True))
-    if len(table.rows) > _SHOWN:
-        console.print(f"… and {len(table.rows) - _SHOWN} more in the report")
+def _print_first(table: Table, title: str) -> None:
+    beyond = "more in the report"
+    print_table(table.head, table.rows, table.left, title=title, wrap=True, most=_SHOWN, beyond=beyond)

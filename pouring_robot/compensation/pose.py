@@ -21,8 +21,7 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.mechanism.reach import joint_reach
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis

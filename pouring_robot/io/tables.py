@@ -80,11 +80,7 @@ class Table:
         Raises:
             TableError: a cell is empty or no finite number.
         """
-
-        def problem(cell: str) -> str:
-            return empty if empty and not cell else f"'{cell}' is not a finite number"
-
-        return self._read(index, math.isfinite, problem)
+        return self._read(index, math.isfinite, "is not a finite number", empty)
 
     def sparse_numbers(self, index: int, largest: float) -> NDArray[np.float64]:
         """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
@@ -92,12 +88,12 @@ class Table:
         Raises:
             TableError: a cell is no such number.
         """
-        mend = "write a finite one, or leave the cell empty if it is missing"
-        return self._read(
-            index, lambda value: not abs(value) > largest, lambda cell: f"'{cell}' is not a usable number; {mend}"
-        )
+        said = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
+        return self._read(index, lambda value: not abs(value) > largest, said)
 
-    def _read(self, index: int, usable: Callable[[float], bool], problem: Callable[[str], str]) -> NDArray[np.float64]:
+    def _read(
+        self, index: int, usable: Callable[[float], bool], problem: str, empty: str | None = None
+    ) -> NDArray[np.float64]:
         values = np.empty(len(self))
         for row, cell in enumerate(self.cells(index)):
             try:
@@ -106,7 +102,8 @@ class Table:
                     raise ValueError
             except (ValueError, OverflowError) as error:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
-                raise self.fault(problem(shown), row, self.headings[index]) from error
+                said = empty if empty and not shown else f"'{shown}' {problem}"
+                raise self.fault(said, row, self.headings[index]) from error
         return values
 
 

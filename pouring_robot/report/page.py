@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from pouring_robot import __version__
 
@@ -27,7 +27,6 @@ class Heading:
 
     text: str
     level: int = 2
-    kind: ClassVar[str] = "heading"
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,6 @@ class Paragraph:
 
     text: str
     look: str = ""
-    kind: ClassVar[str] = "paragraph"
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,6 @@ class Table:
     head: Row
     rows: Sequence[Row]
     folded: str = ""
-    kind: ClassVar[str] = "table"
 
     @property
     def left(self) -> set[int]:
@@ -61,7 +58,6 @@ class Lines:
 
     lines: Sequence[str]
     mono: bool = False
-    kind: ClassVar[str] = "lines"
 
 
 def _is_figure(cell: str) -> bool:
@@ -78,7 +74,6 @@ class Plot:
 
     title: str
     svg: str
-    kind: ClassVar[str] = "plot"
 
 
 Block = Heading | Paragraph | Table | Lines | Plot
@@ -101,8 +96,9 @@ def html_page(
         links: files beside it by what they are.
         data: the files it is about; their hashes stand at its end, with the version and the time.
     """
+    drawn = [(type(block).__name__.lower(), block) for block in blocks]  # by the macro of that name
     template = templates("pouring_robot.report").get_template("report.html.j2")
-    return template.render(title=title, heading=heading, blocks=list(blocks), links=links or {}, origin=origin(data))
+    return template.render(title=title, heading=heading, blocks=drawn, links=links or {}, origin=origin(data))
 
 
 def origin(data: Iterable[Path]) -> list[str]:

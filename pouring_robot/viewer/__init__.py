@@ -24,8 +24,7 @@ from pouring_robot.viewer.scene import (
     Step,
     exaggeration_text,
 )
-from pouring_robot.viewer.shapes import visual_model
-from pouring_robot.viewer.solids import Solid, camera_on, enlarged, solids
+from pouring_robot.viewer.solids import Solid, camera_on, enlarged, solids, visual_model
 
 __all__ = [
     "GHOST_TINT",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import threading
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -37,27 +36,29 @@ class Bench(Protocol):
         """Return what the page shows for values its user chose, ready for JSON; a refusal has the key ``refused``."""
 
 
-def serve(scene: Scene, port: int = 0, bench: Bench | None = None) -> LiveView:
-    """Show a scene in the browser for as long as the returned view is open; use that in a ``with`` statement.
+class LiveView:
+    """A scene that browsers on this machine can look at for as long as it is open; use it in a ``with`` statement.
 
     It listens on a port of the loopback address (0: a free one); its sliders, if any, move the bench.
+
+    Attributes:
+        url: address of the page.
 
     Raises:
         BadInputError: the port is taken or not allowed, or the server does not start.
     """
-    return LiveView(scene, port, bench)
-
-
-class LiveView:
-    """A scene that a browser on this machine can look at; several may at once.
-
-    Attributes:
-        url: address of the page.
-    """
 
     def __init__(self, scene: Scene, port: int = 0, bench: Bench | None = None) -> None:
-        self._contents = _Contents(scene, bench)
-        self._sockets = _listen_on(port)
+        self._clients: set[_Words] = set()  # touched by the server's thread alone
+        shown = page(scene, live=True, bench=bench.sliders() if bench else None)
+        self._settings: dict[str, Any] = {"page": shown, "bench": bench, "clients": self._clients}
+        try:
+            if not 0 <= port <= 65535:
+                raise OSError("ports go from 0 to 65535")
+            self._sockets = tornado.netutil.bind_sockets(port, LOOPBACK)
+        except OSError as error:
+            reason, mend = error.strerror or error, "choose another port, or 0 for a free one"
+            raise BadInputError(f"cannot listen on {LOOPBACK} port {port}: {reason}; {mend}") from error
         self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
         self._loop = asyncio.new_event_loop()
         self._closing = threading.Event()
@@ -68,15 +69,11 @@ class LiveView:
         self._thread = threading.Thread(target=self._run, name="pouring-robot-view", daemon=True)
         self._thread.start()
         if not self._started.wait(_PATIENCE_S) or self._failure:
-            self._give_up()
-
-    def _give_up(self) -> None:
-        """Leave nothing behind of a view that did not start; always raises BadInputError, which says why."""
-        self.close()
-        for one in self._sockets:
-            one.close()
-        reason = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
-        raise BadInputError(f"cannot show the page at {self.url}: {reason}; try again, or write it with --html")
+            self.close()
+            for one in self._sockets:
+                one.close()
+            why = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
+            raise BadInputError(f"cannot show the page at {self.url}: {why}; try again, or write it with --html")
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until the view is closed, the time is over (s) or Ctrl-C; return whether it was closed."""
@@ -111,7 +108,7 @@ class LiveView:
 
     async def _listen(self) -> None:
         # A browser's request for an icon is no news for a terminal, so nothing is logged.
-        application = tornado.web.Application(log_function=lambda handler: None, contents=self._contents)
+        application = tornado.web.Application(log_function=lambda handler: None, **self._settings)
         # Asked for under any other name, the server knows nothing: a page from elsewhere whose name was made
         # to point at this machine gets no answer.
         application.add_handlers(r"127\.0\.0\.1|localhost", [(r"/(?:static/)?", _Page), (r"/bench", _Words)])
@@ -120,31 +117,12 @@ class LiveView:
         self._started.set()
         await self._stop.wait()
         server.stop()
-        for client in tuple(self._contents.clients):
+        for client in tuple(self._clients):
             client.close()
         await server.close_all_connections()
 
 
-def _listen_on(port: int) -> list[socket.socket]:
-    """Return sockets that listen on the loopback address and no other."""
-    try:
-        if not 0 <= port <= 65535:
-            raise OSError("ports go from 0 to 65535")
-        return list(tornado.netutil.bind_sockets(port, LOOPBACK))
-    except OSError as error:
-        raise BadInputError(
-            f"cannot listen on {LOOPBACK} port {port}: {error.strerror or error}; "
-            "choose another port, or 0 for a free one"
-        ) from error
-
-
-class _Contents:
-    """What the server hands out, and to whom; touched by the server's thread alone once that runs."""
-
-    def __init__(self, scene: Scene, bench: Bench | None) -> None:
-        self.page = page(scene, live=True, bench=bench.sliders() if bench else None)
-        self.bench = bench
-        self.clients: set[_Words] = set()
+serve = LiveView  # read as what the program does
 
 
 class _Page(tornado.web.RequestHandler):
@@ -152,7 +130,7 @@ class _Page(tornado.web.RequestHandler):
 
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
-        self.write(self.settings["contents"].page)
+        self.write(self.settings["page"])
 
 
 class _Words(tornado.websocket.WebSocketHandler):
@@ -160,12 +138,12 @@ class _Words(tornado.websocket.WebSocketHandler):
 
     def open(self, *args: Any, **kwargs: Any) -> None:
         self.set_nodelay(True)
-        self.settings["contents"].clients.add(self)
+        self.settings["clients"].add(self)
 
     def on_message(self, message: str | bytes) -> None:
-        bench = self.settings["contents"].bench
+        bench = self.settings["bench"]
         if bench is not None:
             self.write_message(json.dumps(bench.answer(json.loads(message)), allow_nan=False))
 
     def on_close(self) -> None:
-        self.settings["contents"].clients.discard(self)
+        self.settings["clients"].discard(self)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -113,27 +114,23 @@ class Layer:
 
     def meet(self, directions: Floats) -> Hits:
         """Return what each ray from the eye meets first; directions of shape (rows, columns, 3), unit."""
-        shape = directions.shape[:2]
         flat = np.ascontiguousarray(directions.reshape(-1, 3))
         answer = self._scene.run(np.zeros_like(flat), flat, output=1)
         met = np.flatnonzero(answer["primID"] >= 0)
         face = answer["primID"][met]
-        depth = np.full(len(flat), _FAR, dtype=np.float32)
-        depth[met] = answer["tfar"][met]
-        part = np.full(len(flat), -1, dtype=np.int32)
-        part[met] = self._part[face]
+        depth, part = answer["tfar"][met], self._part[face]
         first, second, third = (self._normals[self._faces[face, corner]] for corner in range(3))
         u, v = answer["u"][met, None], answer["v"][met, None]
         normal = _unit((1 - u - v) * first + u * second + v * third)
         normal *= np.where(np.einsum("ij,ij->i", normal, flat[met]) > 0, np.float32(-1), np.float32(1))[:, None]
-        normals = np.zeros_like(flat)
-        normals[met] = normal
-        colours = np.zeros_like(flat)
-        colours[met] = self._colours[part[met]]
-        plane = np.zeros(len(flat), dtype=np.float32)
-        plane[met] = depth[met] * np.einsum("ij,ij->i", normal, flat[met])
-        places = (depth.reshape(shape), part.reshape(shape), normals.reshape(*shape, 3), colours.reshape(*shape, 3))
-        return Hits(*places, plane.reshape(shape))
+        plane = depth * np.einsum("ij,ij->i", normal, flat[met])
+
+        def full(values: npt.NDArray[Any], empty: float | np.float32 = 0.0) -> npt.NDArray[Any]:
+            laid_out = np.full((len(flat), *values.shape[1:]), empty, dtype=values.dtype)
+            laid_out[met] = values
+            return laid_out.reshape(*directions.shape[:2], *values.shape[1:])
+
+        return Hits(full(depth, _FAR), full(part, -1), full(normal), full(self._colours[part]), full(plane))
 
     def daylight(self, directions: Floats, hits: Hits, reach_m: float) -> tuple[Floats, Floats]:
         """Return how open hits of rays are to their surroundings and how much key light reaches them, 0 to 1.
@@ -144,16 +141,12 @@ class Layer:
         normal = hits.normal[mask]
         points = directions[mask] * hits.depth[mask][:, None] + normal * np.float32(2e-3 * reach_m)
         random = np.random.default_rng(7)  # fixed, so that the same scene gives the same picture
-        open_ = np.zeros(len(points), dtype=np.float32)
-        for offset in _around(random, len(points), _OCCLUSION_RAYS):
-            # A point on a unit ball around the tip of the normal: directions by the cosine of their angle.
-            open_ += self._free(points, normal + offset, reach_m)
-        lit = np.zeros(len(points), dtype=np.float32)
-        towards_key = key_light(self.camera)
-        for offset in _around(random, len(points), _SHADOW_RAYS):
-            lit += self._free(points, towards_key + np.float32(0.06) * offset, _FAR)
-        open_ /= np.float32(_OCCLUSION_RAYS)
-        lit /= np.float32(_SHADOW_RAYS)
+        # A point on a unit ball around the tip of the normal: directions by the cosine of their angle.
+        around = (normal + offset for offset in _around(random, len(points), _OCCLUSION_RAYS))
+        open_ = np.mean([self._free(points, towards, reach_m) for towards in around], axis=0)
+        key = key_light(self.camera)
+        around = (key + np.float32(0.06) * offset for offset in _around(random, len(points), _SHADOW_RAYS))
+        lit = np.mean([self._free(points, towards, _FAR) for towards in around], axis=0)
         return _blurred(open_, mask, 11), _blurred(lit, mask, 5)
 
     def _free(self, points: Floats, directions: Floats, reach_m: float | np.float32) -> Floats:
@@ -170,21 +163,22 @@ def key_light(camera: Camera) -> Floats:
     return np.asarray(direction / np.linalg.norm(direction), dtype=np.float32)
 
 
-def lit_colours(camera: Camera, directions: Floats, hits: Hits, open_: Floats, lit: Floats) -> Floats:
+def lit_colours(camera: Camera, directions: Floats, hits: Hits, daylight: Sequence[Floats] | None = None) -> Floats:
     """Return the colours (rows, columns, 3), 0 to 1, of the hits of rays under key light, fill light and sky.
 
-    ``open_`` and ``lit`` are shares of surroundings and key light that each point sees; zero where nothing was met.
+    ``daylight`` is what :meth:`Layer.daylight` says; by default all of it reaches every point.
     """
     right, up, forward = camera.axes().astype(np.float32)
     key, fill = key_light(camera), np.float32(0.1) * up - np.float32(0.85) * right - np.float32(0.5) * forward
     mask = hits.mask
+    open_, lit = [np.ones(1, dtype=np.float32)] * 2 if daylight is None else [share[mask] for share in daylight]
     normal, view = hits.normal[mask], -directions[mask]
-    facing_key = np.maximum(normal @ key, 0) * lit[mask]
+    facing_key = np.maximum(normal @ key, 0) * lit
     facing_fill = np.maximum(normal @ fill, 0)
     sky = 0.5 + 0.5 * normal[:, 2]
-    shade = 0.35 + 0.65 * open_[mask]
+    shade = 0.35 + 0.65 * open_
     light = shade * (0.42 + 0.30 * sky + 0.22 * facing_fill) + 0.58 * facing_key
-    shine = 0.16 * lit[mask] * np.maximum(np.einsum("ij,ij->i", normal, _unit(key + view)), 0) ** 32
+    shine = 0.16 * lit * np.maximum(np.einsum("ij,ij->i", normal, _unit(key + view)), 0) ** 32
     colours = np.zeros_like(hits.colour)
     colours[mask] = np.clip(hits.colour[mask] * light[:, None] + shine[:, None], 0, 1)
     return colours

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import read_only
 
 Vector = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -132,7 +133,10 @@ class Camera:
 
     def __post_init__(self) -> None:
         for field in ("eye_m", "target_m"):
-            object.__setattr__(self, field, _point(getattr(self, field), f"camera: {field}"))
+            point = np.array(getattr(self, field), dtype=np.float64)
+            if point.shape != (3,) or not np.all(np.isfinite(point)):
+                raise BadInputError(f"camera: {field} must be three finite numbers (m)")
+            object.__setattr__(self, field, read_only(point))
         sideways = np.linalg.norm((self.target_m - self.eye_m)[:2])
         if sideways < 1e-9:
             raise BadInputError("camera: it looks straight up or down; move eye_m sideways of target_m")
@@ -219,11 +223,6 @@ def legend(scene: Scene) -> tuple[LegendEntry, ...]:
     return (*robots, *arrows)
 
 
-def length_text(vector_m: Vector) -> str:
-    """Return the length of an arrow in mm."""
-    return f"{float(np.linalg.norm(vector_m)) * 1e3:.2f} mm"
-
-
 def _words(item: SceneRobot | SceneArrows) -> str:
     return f"{item.name}: {item.label}" if item.label else item.name
 
@@ -232,12 +231,3 @@ def _check_name(name: str) -> None:
     """Names become paths in the scene tree, where a slash would make a folder."""
     if not name or "/" in name:
         raise BadInputError(f"'{name}' cannot name a part of a scene: it must not be empty or hold a '/'")
-
-
-def _point(value: npt.ArrayLike, what: str) -> Vector:
-    """Return a read-only, finite point of shape (3,), m."""
-    point = np.array(value, dtype=np.float64)
-    if point.shape != (3,) or not np.all(np.isfinite(point)):
-        raise BadInputError(f"{what} must be three finite numbers (m)")
-    point.setflags(write=False)
-    return point

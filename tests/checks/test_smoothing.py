@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.smoothing import drive_effect, drive_errors, foretelling
+from pouring_robot.checks.outliers import drive_effect, drive_errors, foretelling
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.diagnosis.hidden import NOTHING, campaign

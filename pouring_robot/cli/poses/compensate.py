@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.tables import print_rows
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFrameError
 
 if TYPE_CHECKING:
@@ -15,12 +17,10 @@ if TYPE_CHECKING:
     from pouring_robot.compensation.pose import Compensation, DriveCompensation
     from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.heat_section import HeatSection
-    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Command, Robot
 
 Found = TypeVar("Found", "Compensation", "DriveCompensation")
-_REST = "--out FILE.csv writes all"
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,14 @@ class Asked:
     frame: Annotated[
         str | None,
         options.opt(
-            "--frame",
             "What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
             metavar="NAME",
         ),
     ] = None
-    out: Annotated[Path | None, options.writes("--out", "Write the commands, one row a pose.", metavar="FILE.csv")] = (
-        None
-    )
+    out: Annotated[Path | None, options.writes("Write the commands, one row a pose.", "FILE.csv")] = None
     at_once: options.AtOnce = False
     header: Annotated[
-        Path | None,
-        options.writes("--header", "Write a C function that compensates, in place of poses.", metavar="FILE.h"),
+        Path | None, options.writes("Write a C function that compensates, in place of poses.", "FILE.h")
     ] = None
     as_json: options.AsJson = False
 
@@ -101,7 +97,7 @@ def _ladle(
     law: ThermalLaw | None,
 ) -> None:
     from pouring_robot.cli.poses import heat as warm
-    from pouring_robot.cli.poses.compensated import commands_table, compensation_lines
+    from pouring_robot.cli.shared.locations import outside_notes
     from pouring_robot.compensation.pose import commands_csv
     from pouring_robot.compensation.pose import compensate as compensated
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -119,31 +115,71 @@ def _ladle(
     written = options.written(asked.out, lambda: commands_csv(found))
     if asked.as_json:
         rows = [one.figures() | {"heat": warm.heat_figures(heated, one.state)} for one in found]
-        options.print_figures({**robot.model.named, "poses": rows}, written)
-        return
-    console = options.console()
-    for k, sentence in enumerate(compensation_lines(found, closed=law is None)):
-        console.print(sentence, style="" if k else "bold")
+        return options.print_figures({**robot.model.named, "poses": rows}, written)
+    for k, sentence in enumerate(_sentences(found, closed=law is None)):
+        options.say(sentence, style="" if k else "bold")
     if not asked.out:
-        console.print(commands_table(found), soft_wrap=True)
-    console.print(warm.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
+        _print_commands(found)
+    options.say(warm.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
     if heat is not None and len(found) > 1:
-        console.print(warm.alone_line(heat))
+        options.say(warm.alone_line(heat))
     if law is not None:
-        console.print(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
-    notes = [*(under.notes if under else ()), *warm.twice_lines(robot, heat)]
+        options.say(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
     if robot.model.is_drawing and heat is None and under is None:
-        notes.insert(0, "the drawing, cold, needs no compensation; give --model, --melt-degC or both")
-    outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
-    if outside:
-        notes.append(f"outside the workspace box: pose {', '.join(outside)}")
-    options.print_notes(console, notes)
-    options.print_written(console, written)
+        options.print_notes(["the drawing, cold, needs no compensation; give --model, --melt-degC or both"])
+    beyond = (robot.outside_workspace(one.wanted) for one in found)
+    outside = outside_notes(bool(shift_m.any()) or turn_rad > 0.0 for shift_m, turn_rad in beyond)
+    options.print_notes([*(under.notes if under else ()), *warm.twice_lines(robot, heat), *outside])
+    options.print_written(written)
+
+
+def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
+    """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
+    from pouring_robot.cli.poses.heat import unsettled_words
+    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.robot.location_figures import decimals
+
+    word = "" if len(found) == 1 else "largest: "
+    before = max(one.before.distance_m for one in found) / MM
+    left = max(one.left.distance_m for one in found) / MM
+    tilt = max(abs(one.left_tilt_rad) for one in found) / MRAD
+    frame = found[0].frame
+    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.3f} mm and {tilt:.3f} mrad of tilt"
+    roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
+    lip = max(one.left_at_lip.distance_m for one in found) / MM
+    yield (
+        f"{word}not in the drives' power: roll {decimals(roll, 3, sign=True)} mrad about x, yaw "
+        f"{decimals(yaw, 3, sign=True)} mrad about z; the lip is left {lip:.3f} mm off"
+        + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
+    )
+    moved = max(one.state.unsettled_m for one in found)
+    turns = max(one.state.turns for one in found)
+    if turns > 1 and closed:
+        yield (
+            f"{word}temperatures were held inside each Newton solve and taken anew where the ladle then was, {turns} "
+            f"times; the last time moved it by {moved / MM:.1e} mm{unsettled_words(moved)}"
+        )
+
+
+def _print_commands(found: Sequence[Compensation]) -> None:
+    """Print one row a pose: what is wanted, and what to command."""
+    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.robot.pouring.names import DRIVE_JOINTS
+
+    rows = []
+    for one in found:
+        *legs, tilt_drive = one.drives.values()
+        *place, angle = one.command.to_mm_deg()
+        wanted = [f"{value:.1f}" for value in one.wanted.to_mm_deg()]
+        drives = [*(f"{value / MM:.4f}" for value in legs), f"{math.degrees(tilt_drive):.6f}"]
+        rows.append([*wanted, *drives, *(f"{value:.3f}" for value in place), f"{angle:.4f}"])
+    drives = [f"{name} {unit}" for name, unit in zip(DRIVE_JOINTS, ("mm", "mm", "mm", "°"), strict=True)]
+    options.say("wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)")
+    print_rows(["x", "y", "z", "tilt °", *drives, "x'", "y'", "z'", "tilt' °"], rows)
 
 
 def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> None:
     """Compensate a whole path, or make the function that does it elsewhere."""
-    from pouring_robot.cli.shared.tables import few_rows
     from pouring_robot.compensation.path import compensate_path, make_controller
     from pouring_robot.robot.pose_table import read_poses
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
@@ -165,22 +201,19 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
     written += options.written(asked.out, lambda: str(table.to_csv(index=False)))
     if asked.as_json:
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
-        options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
-        return
-    console = options.console()
-    console.print(headline, style="bold")
+        return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
+    options.say(headline, style="bold")
     if not written:
         cells = [
             [f"{value:.4f}" if isinstance(value, float) else str(value) for value in row]
             for row in table.to_numpy().tolist()
         ]
-        console.print(few_rows(list(table.columns), cells, _REST), soft_wrap=True)
-    options.print_written(console, written)
+        print_rows(list(table.columns), cells)
+    options.print_written(written)
 
 
 def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: RobotUnderConditions | None) -> None:
     """Compensate a robot that is commanded by drive values."""
-    from pouring_robot.cli.shared.tables import few_rows
     from pouring_robot.compensation.pose import compensate_drives, drives_csv
 
     def bring(command: Command, standing: Robot) -> DriveCompensation:
@@ -189,20 +222,17 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     found = _each(asked, robot, wanted, under, bring)
     written = options.written(asked.out, lambda: drives_csv(found))
     if asked.as_json:
-        options.print_figures({**robot.model.named, "poses": [one.figures() for one in found]}, written)
-        return
-    console = options.console()
+        return options.print_figures({**robot.model.named, "poses": [one.figures() for one in found]}, written)
     if len(found) == 1:
-        console.print(found[0].headline, style="bold")
+        options.say(found[0].headline, style="bold")
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
         rows = [[f"{value:.4f}" for value in one.row().values()] for one in found]
-        console.print("drives to command; how far off without and with it", style="italic")
-        console.print(few_rows(head, rows, _REST), soft_wrap=True)
-    options.print_notes(console, under.notes if under else ())
+        print_rows(head, rows, "drives to command; how far off without and with it")
+    options.print_notes(under.notes if under else ())
     if robot.model.is_drawing and under is None:
-        options.print_notes(console, ["the drawing needs no compensation; give --model"])
-    options.print_written(console, written)
+        options.print_notes(["the drawing needs no compensation; give --model"])
+    options.print_written(written)
 
 
 def _each(
@@ -225,8 +255,3 @@ def _each(
 
     with progress.stage_bars() as show:
         return compensate_under(under, list(wanted.values()), at, show)
-
-
-def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:
-    shift_m, turn_rad = robot.outside_workspace(pose)
-    return bool(shift_m.any()) or turn_rad > 0.0

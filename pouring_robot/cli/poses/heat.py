@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.cli.shared.options import with_melt
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.options import say, with_melt
+from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.heat_section import HeatSection
@@ -18,8 +18,6 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.robot import Command, Robot
@@ -50,6 +48,28 @@ class ThermalLaw:
         beyond = f", BEYOND the {low:g} to {high:g} degC it was fitted to" if self.model.beyond(self.melt_degC) else ""
         return f"thermal model of {self.model.source}, melt {self.melt_degC:g} degC{beyond}"
 
+    def sum_mm(self, robot: Robot, command: Command, full: Location) -> dict[str, list[float]]:
+        """Return theory, geometry, heat, their sum (the paper's Fig. 13) and the full closure, in mm."""
+        if not isinstance(command, PlatformPose):
+            raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
+        end = full.loops.end_frame or ""
+        parts: dict[str, FloatArray] = {
+            "theory": np.array(command.position_m),
+            "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
+            "heat": self.moves_m(command),
+        }
+        parts["sum"] = sum(parts.values(), start=np.zeros(3))
+        parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
+        parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
+        return {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}
+
+    def print_sum(self, parts: dict[str, list[float]]) -> None:
+        """Print it beside the full closure."""
+        rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
+        # A title of the table would be broken at the table's width.
+        say(f"the paper's sum for the platform, mm; {self.words}", style="italic")
+        print_table(("", "x", "y", "z"), rows)
+
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
     """Return the thermal model of a file at the temperature of the melt; None without a file."""
@@ -61,35 +81,6 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> Th
     same = heat or HeatSection()
     melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
     return ThermalLaw(ThermalModel.load(path), melt, same)
-
-
-def print_sum(console: Console, law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> None:
-    """Print the paper's sum, theory + geometry + heat (its Fig. 13), beside the full closure, if there is a law."""
-    if law is None:
-        return
-    parts = sum_figures(law, robot, command, full)["paper_sum_mm"]
-    rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
-    # A title of the table would be broken at the table's width.
-    console.print(f"the paper's sum for the platform, mm; {law.words}", style="italic")
-    console.print(plain_table(("", "x", "y", "z"), rows, (0,)))
-
-
-def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> dict[str, Any]:
-    """Return theory, geometry, heat, their sum and the full closure in mm, ready for JSON; nothing without a law."""
-    if law is None:
-        return {}
-    if not isinstance(command, PlatformPose):
-        raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
-    end = full.loops.end_frame or ""
-    parts: dict[str, FloatArray] = {
-        "theory": np.array(command.position_m),
-        "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
-        "heat": law.moves_m(command),
-    }
-    parts["sum"] = sum(parts.values(), start=np.zeros(3))
-    parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
-    parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
-    return {"paper_sum_mm": {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +117,7 @@ class Warmth:
             found["shares"] = {frame: _share_figures(one) for frame, one in self.shares.items()}
         return found
 
-    def print(self, console: Console) -> None:
+    def print(self) -> None:
         """Print what geometry and heat do alone and together, by how much they do not add up, and how warm it is."""
         if self.heated is None or self.state is None:
             return
@@ -137,15 +128,15 @@ class Warmth:
                 cells = [*shift, f"{part['distance_mm']:.3f}", *turn]
                 rows.append(("" if k else frame, name.replace("_", " "), *cells))
         head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
-        console.print(plain_table(head, rows, (0, 1), title="shares of the error: mm, mrad"))
+        print_table(head, rows, (0, 1), title="shares of the error: mm, mrad")
         lip = list(self.shares.values())[-1]
         missing = float(lip.remainder_m @ lip.remainder_m) ** 0.5
-        console.print(
+        say(
             f"the shares need not add up: geometry + heat misses the lip's actual place by {missing / MM:.4f} mm, "
             f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
         )
-        console.print(heat_line(self.heated, self.state))
-        console.print(
+        say(heat_line(self.heated, self.state))
+        say(
             f"temperatures taken where the ladle is, {self.state.turns} times; the last time moved it by "
             f"{self.state.unsettled_m / MM:.1e} mm{unsettled_words(self.state.unsettled_m)}"
         )

@@ -29,7 +29,7 @@ def path(
     which: bundles.Which,
     under: bundles.Under,
     as_json: options.AsJson = False,
-    out: Annotated[Path | None, options.writes("--out", "Write the table.", metavar="FILE.csv")] = None,
+    out: Annotated[Path | None, options.writes("Write the table.", "FILE.csv")] = None,
     drawing: bundles.Drawing,
     at_once: options.AtOnce = False,
     heat: bundles.Heat,
@@ -69,15 +69,12 @@ def path(
     rows = [_row(location) for location in locations]
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
-        options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
-        return
+        return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
     if found[0].heated and found[0].state:
         notes.append(f"{warm.heat_line(found[0].heated, found[0].state)} (first pose)")
         if warmth is not None and len(found) > 1:
             notes.append(warm.alone_line(warmth))
-    outside = [i for i, one in enumerate(locations, start=1) if isinstance(one, LadleLocation) and not one.in_workspace]
-    if outside:
-        notes.append(f"outside the workspace box: pose {', '.join(map(str, outside))}")
+    notes += places.outside_notes(isinstance(one, LadleLocation) and not one.in_workspace for one in locations)
     _print(present, rows, notes, written, in_file=out is not None)
 
 
@@ -116,8 +113,7 @@ def _at_once(
     written = _write(out, rows)
     written += drawing.write_joints(lambda: JointRow.of_many(robot.engine().structure, closed, robot.model))
     if as_json:
-        options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
-        return
+        return options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
     _print(robot, rows, [], written, in_file=out is not None)
 
 
@@ -159,16 +155,16 @@ def _names(rows: list[Row]) -> list[str]:
 
 
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
-    from pouring_robot.cli.shared.tables import few_rows
+    from pouring_robot.cli.shared.tables import print_rows
     from pouring_robot.robot.location_figures import decimals
 
-    console, worst = options.console(), max(row.get("error_mm", 0.0) for row in rows)
+    worst = max(row.get("error_mm", 0.0) for row in rows)
     verdict, required = "", robot.accuracy_m
     if required is not None:
         verdict = f": {'within' if worst <= required * 1e3 else 'BEYOND'} the required {required * 1e3:g} mm"
     lost = sum("error_mm" not in row for row in rows)
     verdict += f"; {lost} without an answer" if lost else ""
-    console.print(f"largest error {worst:.3f} mm{verdict}", style="bold")
+    options.say(f"largest error {worst:.3f} mm{verdict}", style="bold")
     if not in_file:
         rows = [{name: value for name, value in row.items() if value != "closed"} for row in rows]
         names = _names(rows)
@@ -184,7 +180,6 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
         tip = robot.model.loops().working_frame
         beside = "" if robot.model.named.get("layout") else ", beside where it should be"
-        console.print(f"error of {tip}{beside}: mm, mrad", style="italic")
-        console.print(few_rows(short, cells, "--out FILE.csv writes all"), soft_wrap=True)
-    options.print_notes(console, notes)
-    options.print_written(console, written)
+        print_rows(short, cells, f"error of {tip}{beside}: mm, mrad")
+    options.print_notes(notes)
+    options.print_written(written)

@@ -37,13 +37,11 @@ def pose(
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}
-        options.print_json(figures | warmth.figures() | warm.sum_figures(law, present, command, location))
-        return
-    console = options.console()
-    console.print(location.headline, style="bold")
-    console.print(locations.drives_line(location))
-    console.print(locations.location_table(location))
-    warmth.print(console)
-    warm.print_sum(console, law, present, command, location)
-    locations.print_closure_note(console, location, dexterity, weakness, notes)
-    options.print_written(console, written)
+        sums = {"paper_sum_mm": law.sum_mm(present, command, location)} if law else {}
+        return options.print_json(figures | warmth.figures() | sums)
+    locations.print_location(location)
+    warmth.print()
+    if law:
+        law.print_sum(law.sum_mm(present, command, location))
+    locations.print_closure_note(location, dexterity, weakness, notes)
+    options.print_written(written)

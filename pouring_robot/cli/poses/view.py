@@ -24,8 +24,8 @@ def view(
     commanded: bundles.Commanded,
     which: bundles.Which,
     under: bundles.Under,
-    path: Annotated[Path | None, options.reads("--path", "Play the poses of a table.", metavar="POSES.csv")] = None,
-    campaign: Annotated[Path | None, options.reads("--campaign", "Step through the rows of a campaign.")] = None,
+    path: Annotated[Path | None, options.reads("Play the poses of a table.", "POSES.csv")] = None,
+    campaign: Annotated[Path | None, options.reads("Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
     port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
@@ -43,12 +43,12 @@ def view(
         raise BadInputError("--exaggerate is for a robot or a path; the page of a campaign has a slider for it")
     if path is None and under.condition:
         raise BadInputError("--condition belongs to --path: sliders take the robot as it stands")
-    console, bench = options.console(), None
+    bench = None
     if campaign is not None:
         scene = _campaign_scene(campaign, which)
     else:
         present = which.built(under=path is not None)
-        options.print_notes(console, present.picture_notes)
+        options.print_notes(present.picture_notes)
         if path is not None:
             scene = _path_scene(present, path, under, exaggerate)
         else:
@@ -57,12 +57,12 @@ def view(
     # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with serve(scene, port, bench) as live:
-        console.print(f"the robot is shown at {live.url} (this machine only); Ctrl-C ends it")
+        options.say(f"the robot is shown at {live.url} (this machine only); Ctrl-C ends it")
         if browser:
             webbrowser.open(live.url)
         with contextlib.suppress(KeyboardInterrupt):
             live.wait()
-    console.print("closed; nothing is left running")
+    options.say("closed; nothing is left running")
 
 
 def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None) -> RobotBench:
@@ -83,7 +83,7 @@ def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: floa
 
     commands = under.read_commands(robot, path)
     robots, notes = under.robots(robot, commands, path)
-    options.print_notes(options.console(), notes)
+    options.print_notes(notes)
     found = bundles.each(commands, robots, path, "closing", lambda command, standing: standing.location_of(command))
     return pose_scene(found, exaggerate)
 

@@ -40,8 +40,15 @@ class Which:
         return self != Which()
 
     def read(self) -> RobotModel:
-        """Return its model."""
-        return options.model_of(self.model, self.robot, self.layout)
+        """Return the model of a model file, or the drawing of a robot file or of a layout."""
+        from pouring_robot.robot.model import RobotModel
+
+        given = [f"--{name}" for name, value in vars(self).items() if value]
+        if len(given) > 1:
+            raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
+        if self.robot is not None:
+            return RobotModel.for_robot(self.robot)
+        return RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)
 
     def built(self, *, warm: bool = False, under: bool = False) -> Robot:
         """Return the robot, cold and without what depends on conditions.
@@ -220,13 +227,21 @@ class Drawing:
     exaggerate: options.Exaggeration = None
     joints: options.JointsFile = None
 
-    def write(self, locations: list[Location], model: RobotModel, *, warm: bool) -> list[Path]:
+    def write(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> list[Path]:
         """Write what was asked for, and return the files."""
-        from pouring_robot.cli.shared import locations as places
         from pouring_robot.robot.export.joints import JointRow
 
-        written = places.write_drawings(locations, self.html, self.png, self.exaggerate, warm=warm)
-        offsets = model.drive_offset_values()
+        written, offsets = [], model.drive_offset_values()
+        if self.html or self.png:
+            # The drawing libraries take half a second to import; only commands that draw pay for it.
+            from pouring_robot.robot.view.scene import pose_scene
+            from pouring_robot.viewer import write_html, write_png
+
+            scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
+            written += [write_html(scene, self.html)] if self.html else []
+            written += [write_png(scene, self.png)] if self.png else []
+        elif self.exaggerate is not None:
+            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
         return written + self.write_joints(lambda: [JointRow.of(one.actual, offsets) for one in locations])
 
     def write_joints(self, rows: Callable[[], Sequence[JointRow]]) -> list[Path]:

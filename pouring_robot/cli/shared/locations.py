@@ -4,12 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
-from pouring_robot.cli.shared.options import print_notes
+from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import plain_table
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
@@ -21,11 +17,13 @@ def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> l
     return [decimals(value, digits, sign=sign) for value in values]
 
 
-def location_table(location: Location) -> Table:
-    """Return nominal and actual pose of the end body and its tools, such as the ladle and its lip.
+def print_location(location: Location) -> None:
+    """Print the commanded drives, nominal and actual pose of the end body and its tools, such as ladle and lip.
 
     Attitudes are rotation vectors, of poses in degrees as they are typed, of errors in mrad.
     """
+    say(location.headline, style="bold")
+    say(f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}")
     rows: list[list[str]] = []
     for frame in location.loops.reported_frames:
         nominal, actual = location.poses(frame)
@@ -40,12 +38,7 @@ def location_table(location: Location) -> Table:
     table = plain_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
-    return table
-
-
-def drives_line(location: Location) -> str:
-    """Return the commanded drives, in mm and degrees, as in the JSON output."""
-    return f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}"
+    say(table)
 
 
 def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
@@ -63,27 +56,33 @@ def unseen_note(joint: str) -> str:
     return f"displacing '{joint}' moves the fixed platform as a whole, so poses seen from it do not show it"
 
 
+def outside_notes(poses_outside: Iterable[bool]) -> list[str]:
+    """Return a line about those of a list of poses that are outside the workspace box, if there are any."""
+    outside = [str(i) for i, one in enumerate(poses_outside, start=1) if one]
+    return [f"outside the workspace box: pose {', '.join(outside)}"] if outside else []
+
+
 def print_closure_note(
-    console: Console, location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
+    location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
 ) -> None:
     """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
     nominal, actual = location.nominal, location.actual
     if location.loops.loops:
-        console.print(
+        say(
             f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
             f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
         )
         if actual.rank > nominal.rank:
-            console.print(
+            say(
                 f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
                 "parts could meet, so the joints are forced by what is left open"
             )
-        console.print(
+        say(
             f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
             "(by the assumed joint stiffness)"
         )
     if weakness is not None:
-        console.print(
+        say(
             f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
             f"({weakness.parameter})"
         )
@@ -91,31 +90,14 @@ def print_closure_note(
     if location.reach:
         limiting = location.reach[0]
         limits = f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left"
-    console.print(
+    say(
         f"{limits}; condition {dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} "
         "singularity"
     )
-    print_notes(console, notes)
+    print_notes(notes)
     if isinstance(location, LadleLocation) and not location.in_workspace:
         outside = zip("xyz", location.outside_workspace_m, strict=True)
         beyond = [f"{axis} by {value / MM:.1f} mm" for axis, value in outside if value]
         if location.outside_workspace_rad:
             beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
-        console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
-
-
-def write_drawings(
-    locations: Sequence[Location], html: Path | None, png: Path | None, exaggerate: float | None, *, warm: bool = False
-) -> list[Path]:
-    """Write the page and the picture that were asked for, and return what was written."""
-    if not (html or png):
-        if exaggerate is not None:
-            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
-        return []
-    # The drawing libraries take half a second to import; only commands that draw pay for it.
-    from pouring_robot.robot.view.scene import pose_scene
-    from pouring_robot.viewer import write_html, write_png
-
-    scene = pose_scene(locations, exaggerate, "as built, warm" if warm else "as built")
-    written = [write_html(scene, html)] if html else []
-    return written + ([write_png(scene, png)] if png else [])
+        say(f"note: the pose is outside the workspace box: {', '.join(beyond)}")

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Robot
 
-_QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
+QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
 
 
 def _be_quiet(wanted: bool) -> bool:
-    _QUIET.set(wanted)
+    QUIET.set(wanted)
     return wanted
 
 
@@ -69,19 +69,19 @@ def _new_png(context: typer.Context, path: Path | None) -> Path | None:
 _WRITES: set[Callable[..., Path | None]] = {_new, _new_png}
 
 
-def opt(name: str, help: str, **more: Any) -> Any:
-    """Return an option."""
-    return typer.Option(name, help=help, **more)
+def opt(help: str, *name: str, **more: Any) -> Any:
+    """Return an option, which is called as its parameter is unless it has a name of its own."""
+    return typer.Option(*name, help=help, **more)
 
 
-def reads(name: str, help: str, metavar: str = "FILE") -> Any:
+def reads(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to read, which must be there."""
-    return typer.Option(name, metavar=metavar, help=help, callback=there)
+    return typer.Option(metavar=metavar, help=help, callback=there)
 
 
-def writes(name: str, help: str, metavar: str = "FILE") -> Any:
+def writes(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return typer.Option(name, metavar=metavar, help=help, callback=_new)
+    return typer.Option(metavar=metavar, help=help, callback=_new)
 
 
 def argument(metavar: str, help: str) -> Any:
@@ -122,51 +122,41 @@ def refuse_present(files: Iterable[Path]) -> None:
 
 AtMm = Annotated[
     tuple[float, float, float] | None,
-    opt("--at-mm", "Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
+    opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
 ]
-TiltDeg = Annotated[float | None, opt("--tilt-deg", "Commanded tilt about y.", metavar="T")]
+TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T")]
 RotationDeg = Annotated[
-    tuple[float, float, float] | None,
-    opt("--rotation-deg", "Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ"),
+    tuple[float, float, float] | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ")
 ]
 Drives = Annotated[
-    str | None,
-    opt("--drives", "Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."'),
+    str | None, opt("Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."')
 ]
-ModelFile = Annotated[Path | None, reads("--model", "Model file of the robot as built (default: the drawing).")]
-RobotFile = Annotated[Path | None, reads("--robot", "Robot file, robot.yaml, of another robot than the pouring robot.")]
-LayoutName = Annotated[str | None, opt("--layout", "Layout of the dimensions file (default: paper).", metavar="NAME")]
-AsJson = Annotated[bool, opt("--json", "Print JSON instead of a table.")]
+ModelFile = Annotated[Path | None, reads("Model file of the robot as built (default: the drawing).")]
+RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of another robot than the pouring robot.")]
+LayoutName = Annotated[str | None, opt("Layout of the dimensions file (default: paper).", metavar="NAME")]
+AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
 CampaignFile = Annotated[Path, argument("CAMPAIGN", "CSV or Parquet table; the YAML of the same stem lies beside it.")]
-TolerancesFile = Annotated[Path | None, reads("--tolerances", "Tolerances of the parts (default: the shipped).")]
-HoldOutBy = Annotated[
-    Literal["auto", "session", "time", "region"], opt("--hold-out", "What block takes no part in the fit.")
-]
-HtmlFile = Annotated[Path | None, writes("--html", "Write a self-contained meshcat page.")]
-ReportFile = Annotated[Path | None, writes("--report", "Write what is printed, with plots, as a page.")]
-PngFile = Annotated[
-    Path | None, opt("--png", "Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)
-]
-AtOnce = Annotated[bool, opt("--at-once", "All poses at once, hundreds of times faster; temperatures are taken once.")]
-JointsFile = Annotated[Path | None, writes("--joints", "Write the values of all joints, m and rad, as .csv or .json.")]
-Exaggeration = Annotated[float | None, opt("--exaggerate", "Draw errors this many times larger.", metavar="FACTOR")]
-MeltDegC = Annotated[float | None, opt("--melt-degC", "Temperature of the melt; makes the robot warm.", metavar="T")]
+TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the shipped).")]
+HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
+HtmlFile = Annotated[Path | None, writes("Write a self-contained meshcat page.")]
+ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
+PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
+AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures are taken once.", "--at-once")]
+JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
+Exaggeration = Annotated[float | None, opt("Draw errors this many times larger.", metavar="FACTOR")]
+MeltDegC = Annotated[float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")]
 AmbientDegC = Annotated[
-    float | None, opt("--ambient-degC", "Temperature of the surroundings; makes the robot warm.", metavar="T")
+    float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")
 ]
-Steady = Annotated[bool, opt("--steady", "Warm, after so long that nothing changes any more.")]
-AfterMin = Annotated[
-    float | None, opt("--after-min", "Warm, so long after the melt came to the cold robot.", metavar="MIN")
-]
-ThermalModelFile = Annotated[
-    Path | None, reads("--thermal-model", "What heat adds by a regression, from 'regress --out'.")
-]
-Cold = Annotated[bool, opt("--cold", "Leave out the heat that the model file tells of.")]
+Steady = Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")]
+AfterMin = Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")]
+ThermalModelFile = Annotated[Path | None, reads("What heat adds by a regression, from 'regress --out'.")]
+Cold = Annotated[bool, opt("Leave out the heat that the model file tells of.", "--cold")]
 Conditions = Annotated[
     list[str] | None,
-    opt("--condition", "A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
+    opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
 ]
-Overwrite = Annotated[bool, opt("--overwrite", "Replace files that are there.", is_eager=True, callback=_may_overwrite)]
+Overwrite = Annotated[bool, opt("Replace files that are there.", "--overwrite", is_eager=True, callback=_may_overwrite)]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
 ]
@@ -194,21 +184,9 @@ def refuse_conditional(robot: Robot, option: str) -> None:
         )
 
 
-def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
-    """Return the model of a model file, or the drawing of a robot file or of a layout."""
-    from pouring_robot.robot.model import RobotModel
-
-    given = [name for name, value in (("--model", model), ("--robot", robot), ("--layout", layout)) if value]
-    if len(given) > 1:
-        raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
-    if robot is not None:
-        return RobotModel.for_robot(robot)
-    return RobotModel(layout=layout) if layout else RobotModel.of(model)
-
-
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
-    for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
+    for line in () if QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
         print(f"note: {line}", file=sys.stderr)
 
 
@@ -230,33 +208,31 @@ def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
     return [] if path is None else [write_whole(path, text())]
 
 
-def is_quiet() -> bool:
-    """Return whether nothing but errors and JSON is to be printed."""
-    return _QUIET.get()
+def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
+    """Print a text or a table, unless nothing but errors and JSON is to be printed."""
+    _console().print(what, style=style, soft_wrap=soft_wrap)
 
 
-def console() -> Console:
-    """Return the console that tables and notes are printed on."""
+def _console() -> Console:
     from rich.console import Console
 
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
-    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=_QUIET.get())
+    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=QUIET.get())
 
 
-def print_notes(console: Console, notes: Iterable[str]) -> None:
+def print_notes(notes: Iterable[str]) -> None:
     """Print notes, one line each."""
     for note in notes:
-        console.print(f"note: {note}")
+        say(f"note: {note}")
 
 
-def print_written(console: Console, written: Iterable[Path]) -> None:
+def print_written(written: Iterable[Path]) -> None:
     """Say which files were written, one line each."""
     for path in written:
-        console.print(f"wrote {path}")
+        say(f"wrote {path}")
 
 
-def print_indented(console: Console, line: str, by: int = 2) -> None:
+def print_indented(line: str, by: int = 2) -> None:
     """Print a line indented, and as far as it wraps too."""
-    space = " " * by
-    folded = textwrap.fill(line, console.width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False)
-    console.print(folded)
+    width, space = _console().width, " " * by
+    say(textwrap.fill(line, width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from pouring_robot.cli.shared.options import is_quiet
+from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.io.interrupt import stop_if_heard
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
         progress.TimeElapsedColumn(),
         Left(),
     )
-    hidden = is_quiet() or not errors.is_terminal
+    hidden = QUIET.get() or not errors.is_terminal
     with progress.Progress(*columns, console=errors, transient=True, disable=hidden, auto_refresh=ticking) as bars:
         tasks: dict[str, progress.TaskID] = {}
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from pouring_robot.cli.shared.options import print_indented
+from pouring_robot.cli.shared.options import print_indented, say
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.table import Table
 
     from pouring_robot.report.page import Block
@@ -39,27 +38,50 @@ def plain_table(
     return table
 
 
-def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
+def print_table(
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    left: Collection[int] = (0,),
+    *,
+    title: str | None = None,
+    wrap: bool = False,
+    most: int | None = None,
+    beyond: str = "",
+) -> None:
+    """Print such a table, of a long one its beginning and what is said of the others."""
+    say(plain_table(head, rows[:most], left, title=title, wrap=wrap))
+    if most is not None and len(rows) > most:
+        say(f"… and {len(rows) - most} {beyond}")
+
+
+def print_blocks(blocks: Iterable[Block]) -> None:
     """Print the blocks of a page, its plots left out."""
     from pouring_robot.report.page import Heading, Lines, Paragraph, Table
 
     for block in blocks:
         if isinstance(block, Heading | Paragraph):
-            console.print(block.text, style="bold" if isinstance(block, Heading) else "")
+            say(block.text, style="bold" if isinstance(block, Heading) else "")
         elif isinstance(block, Table):
-            console.print(plain_table(block.head, block.rows, block.left))
+            print_table(block.head, block.rows, block.left)
         elif isinstance(block, Lines):
-            for line in block.lines:
-                print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))
+            print_lines(block.lines)
 
 
-def few_rows(head: Sequence[str], rows: Sequence[Sequence[str]], where: str) -> str:
-    """Return a table of figures as text, all set to the right; of a long one its beginning, and where the others are.
+def print_lines(lines: Iterable[str]) -> None:
+    """Print a list; a line that begins with a blank stands further in."""
+    for line in lines:
+        print_indented(line.strip(), 2 + len(line) - len(line.lstrip()))
 
-    Text and no rich table: that would take twice as long to set as thousands of poses take to close.
+
+def print_rows(head: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """Print a table of figures, a row a pose, all set to the right; of a long one its beginning.
+
+    As text and no rich table: that would take twice as long to set as thousands of poses take to close.
     """
     shown = [head, *rows[: _MOST_ROWS if len(rows) > _MOST_ROWS else None]]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in shown]
-    more = [f"… and {len(rows) - _MOST_ROWS} more; {where}"] if len(rows) > _MOST_ROWS else []
-    return "\n".join([*lines, *more])
+    lines += [f"… and {len(rows) - _MOST_ROWS} more; --out FILE.csv writes all"] if len(rows) > _MOST_ROWS else []
+    if title:
+        say(title, style="italic")
+    say("\n".join(lines), soft_wrap=True)

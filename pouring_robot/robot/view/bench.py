@@ -20,7 +20,7 @@ from pouring_robot.robot.parameters import Parameter
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.scene import at_location, pose_scene
 from pouring_robot.viewer import Scene
-from pouring_robot.viewer.packing import film
+from pouring_robot.viewer.page import film
 
 POSE, DRIVES = "pose", "drives"
 _MOST_AT_FIRST = 100.0

@@ -20,10 +20,9 @@ _MOST_ROWS, _DRAWN = 2000, 121
 History = Annotated[
     Path | None,
     options.reads(
-        "--history",
         "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
         "where the pose changes.",
-        metavar="FILE.csv",
+        "FILE.csv",
     ),
 ]
 
@@ -34,24 +33,17 @@ class Moved:
 
     under: Annotated[
         Literal["heat", "weight", "both"] | None,
-        options.opt("--under", "Say how far every part moves: truss, platforms, legs, ladle."),
+        options.opt("Say how far every part moves: truss, platforms, legs, ladle."),
     ] = None
-    payload_kg: Annotated[
-        float | None, options.opt("--payload-kg", "Melt for --under (default: the layout's largest).", min=0.0)
-    ] = None
+    payload_kg: Annotated[float | None, options.opt("Melt for --under (default: the layout's largest).", min=0.0)] = (
+        None
+    )
     ladle_degC: Annotated[  # noqa: N815 - the unit keeps its capital
-        float | None, options.opt("--ladle-degC", "Ladle's steel for --under (default: computed).")
+        float | None, options.opt("Ladle's steel for --under (default: computed).", "--ladle-degC")
     ] = None
     stiffness: Annotated[
-        Path | None, options.reads("--stiffness", "Stiffness of the parts for --under (default: the shipped file).")
+        Path | None, options.reads("Stiffness of the parts for --under (default: the shipped file).")
     ] = None
-
-    def refuse_alone(self) -> None:
-        """Refuse what means nothing without ``--under``."""
-        if self.under is None and self != Moved():
-            raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
-        if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
-            raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
 
     def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
         """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
@@ -80,18 +72,18 @@ def thermal(
     tilt_deg: options.TiltDeg = None,
     history: History = None,
     every_min: Annotated[
-        float | None, options.opt("--every-min", "Rows of a shift (default: those of its file).", metavar="MIN")
+        float | None, options.opt("Rows of a shift (default: those of its file).", metavar="MIN")
     ] = None,
     which: bundles.Which,
     melt: bundles.Melt,
     conduction_only: Annotated[
-        bool, options.opt("--conduction-only", "Leave radiation out, as the paper's first analysis does.")
+        bool, options.opt("Leave radiation out, as the paper's first analysis does.", "--conduction-only")
     ] = False,
-    csv: Annotated[Path | None, options.writes("--csv", "Write every element, or every row of a shift.")] = None,
+    csv: Annotated[Path | None, options.writes("Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     moved: Moved,
     html: Annotated[
-        Path | None, options.writes("--html", "Write a page: the shift, to play, or parts coloured by --under.")
+        Path | None, options.writes("Write a page: the shift, to play, or parts coloured by --under.")
     ] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
@@ -101,15 +93,18 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    from pouring_robot.cli.shared.tables import plain_table, print_blocks
+    from pouring_robot.cli.shared.tables import print_blocks, print_table
     from pouring_robot.io.files import write_whole
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal import page
     from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
-    from pouring_robot.thermal.report import PoseHeat, heated_drawing
+    from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing
 
-    moved.refuse_alone()
+    if moved.under is None and moved != Moved():
+        raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
+    if moved.under == "heat" and (moved.payload_kg is not None or moved.stiffness is not None):
+        raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
     if moved.under is None and history is None and html is not None:
         raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
     if moved.under is not None and at_mm is None:
@@ -149,47 +144,38 @@ def thermal(
         written.append(write_whole(png, png_of(picture)))
     if report:
         written.append(write_whole(report, page.html_report(found, drawn, title)))
-    if html is not None and history is not None and not isinstance(drawn, PoseHeat):
-        from pouring_robot.thermal.scene import shift_scene
-        from pouring_robot.viewer import write_html
-
-        scene = shift_scene(heated.robot, drawn, f"How the melt of {history.name} warms the robot")
-        written.append(write_html(scene, html))
     field = None
     if moved.under is not None and pose is not None:
         with progress.stage_bars() as show:
-            show("moving every part", 0, 2)
+            show("moving every part", 0, 0)
             field = moved.parts(heated, pose)
-            show("moving every part", 1, 2)
-            if html is not None:
-                from pouring_robot.thermal.scene import displacement_scene
-                from pouring_robot.viewer import write_html
+    if html is not None:
+        from pouring_robot.thermal.scene import displacement_scene, shift_scene
+        from pouring_robot.viewer import write_html
 
-                at = heated.robot.kinematics.configuration(pose)
-                scene = displacement_scene(
-                    heated.robot, field.hall, f"How far every part moves under {moved.under}", at
-                )
-                written.append(write_html(scene, html))
-            show("moving every part", 2, 2)
+        if field is not None and pose is not None:
+            at, words = heated.robot.kinematics.configuration(pose), f"How far every part moves under {moved.under}"
+            written.append(write_html(displacement_scene(heated.robot, field.hall, words, at), html))
+        elif history is not None and isinstance(drawn, ShiftHeat):
+            words = f"How the melt of {history.name} warms the robot"
+            written.append(write_html(shift_scene(heated.robot, drawn, words), html))
     if as_json:
         content = found.figures()
         measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         if field is not None:
             measured |= {"displacement": {"under": moved.under, **field.figures()}}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
-        options.print_json(content | measured | names)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
-    console.print(title)
-    print_blocks(console, page.blocks(found))
+        return options.print_json(content | measured | names)
+    options.say(found.headline, style="bold")
+    options.say(title)
+    print_blocks(page.blocks(found))
     if field is not None:
-        console.print(plain_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm"))
-        console.print(field.truss_line)
+        print_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm")
+        options.say(field.truss_line)
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-        console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
-    options.print_written(console, written)
+        options.say(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
+    options.print_written(written)
 
 
 def _shift(

@@ -1,0 +1,260 @@
+"""``pouring-robot campaign``: choose what to measure, check what was measured, measure a virtual robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.exceptions import BadInputError
+
+_COMPARED, _SHOWN = 25, 25
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+Frame = tuple[float, float, float, float, float, float]
+
+
+def plan(
+    *,
+    out: Annotated[Path, options.writes("Plan to write; 'campaign simulate' reads it.", "FILE.csv")],
+    poses: Annotated[int, options.opt("How many poses.", metavar="N")] = 30,
+    parameters: Annotated[
+        list[str] | None,
+        options.opt(
+            "What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
+            "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
+            metavar="PATTERN",
+        ),
+    ] = None,
+    criterion: Annotated[str, options.opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
+    which: bundles.Which,
+    sigma_mm: Annotated[float, options.opt("Noise of a measured coordinate.")] = 0.05,
+    sigma_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("No rotations will be measured.", "--position-only")] = False,
+    target_mm: Annotated[
+        tuple[float, float, float], options.opt("About where the target sits on the moving platform.", metavar="X Y Z")
+    ] = (0.0, 0.0, 0.0),
+    priors: Annotated[bool, options.opt("Tolerances count as known beforehand.", "--priors")] = False,
+    tolerances: options.TolerancesFile = None,
+    both_sides: Annotated[int, options.opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
+    loads: Annotated[
+        tuple[float, float] | None, options.opt("Melt in kg to choose from: finds how the drives yield.", metavar="A B")
+    ] = None,
+    temperatures: Annotated[
+        tuple[float, float] | None, options.opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")
+    ] = None,
+    reduce: Annotated[
+        bool, options.opt("Leave out parameters that measurements cannot tell from others.", "--reduce")
+    ] = False,
+    candidates: Annotated[int, options.opt("About how many poses to choose from.")] = 2000,
+    starts: Annotated[int, options.opt("How many random plans the search starts from.")] = 4,
+    seed: Annotated[int, options.opt("Seed of everything random.")] = 0,
+    png: options.PngFile = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Choose the poses that determine parameters best, and say how well, before a single measurement."""
+    from pouring_robot.design.planning import Planner, compare_with_random
+    from pouring_robot.design.request import PlanRequest
+    from pouring_robot.design.result import plot
+    from pouring_robot.estimation.noise_level import NoiseLevel
+    from pouring_robot.io.files import write_together
+    from pouring_robot.robot.tolerances import Tolerances
+
+    if tolerances is not None and not priors:
+        raise BadInputError("--tolerances says how sure the priors are; give --priors too")
+    present = which.built()
+    request = PlanRequest(
+        poses=poses,
+        parameters=tuple(parameters or ()),
+        criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
+        noise=NoiseLevel.stated(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
+        target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
+        priors=(Tolerances.load(tolerances) if tolerances else Tolerances.of(present.model.definition))
+        if priors
+        else None,
+        both_sides=both_sides,
+        loads_kg=tuple(loads or ()),
+        leg_degC=tuple(temperatures or ()),
+        reduce=reduce,
+        candidates=candidates,
+        starts=starts,
+        seed=seed,
+    )
+    planner = Planner(present, request)
+    with progress.stage_bars() as show:
+        found = planner.plan(show)
+    comparison = compare_with_random(planner, found, _COMPARED, seed)
+    written = write_together({out: found.csv()} | ({png: plot(found)} if png else {}))
+    figures = found.figures() | {"random_plans": comparison.figures()}
+    if as_json:
+        return options.print_figures(figures, written)
+    _print_expected(figures, present.model.definition.tool_words[1].removeprefix("the "))
+    options.print_written(written)
+
+
+def _print_expected(figures: dict[str, Any], tip: str) -> None:
+    ladle, compared = figures["ladle"], figures["random_plans"]
+    sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
+    at = " ".join(f"{name} {value:.1f}" for name, value in ladle["worst_at"].items())
+    options.say(
+        f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
+        f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
+        style="bold",
+        soft_wrap=True,
+    )
+    options.say(
+        f"random plans of as many poses: {compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad "
+        f"(median of {compared['count']}); this one has {compared['ratio_mm']:.0%} of that",
+        soft_wrap=True,
+    )
+    indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
+    options.say(f"observability (per mm, mrad; larger is better): {indices}")
+    rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
+    title, head = "expected standard deviation", ("parameter", "std", "unit")
+    print_table(head, rows, title=title, wrap=True, most=_SHOWN, beyond="more (--json has all)")
+    if figures["left_out"]:
+        left = figures["left_out"]
+        named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
+        options.say(f"left out, because those above show the same: {named}")
+
+
+def check(
+    *, file: options.CampaignFile, which: bundles.Which, as_json: options.AsJson = False, png: options.PngFile = None
+) -> None:
+    """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
+    from pouring_robot.campaign.data import Campaign
+    from pouring_robot.checks.check import campaign_metrics, examine
+    from pouring_robot.checks.flags import refuse_errors
+    from pouring_robot.checks.plots import write_picture
+    from pouring_robot.robot.pouring.definition import PouringDefinition
+    from pouring_robot.robot.pouring.layout import load_layout
+
+    definition = which.read().definition
+    campaign = Campaign.read(file, definition)
+    found = examine(campaign, definition.drawing())
+    figures = campaign_metrics(campaign, found)
+    box = None  # of other robots
+    if isinstance(definition, PouringDefinition):
+        box = load_layout(definition.layout, definition.layouts_file)
+    written = [write_picture(campaign, found, box, png)] if png else []
+    if as_json:
+        options.print_figures(figures, written)
+    else:
+        _print_summary(figures)
+        options.print_written(written)
+    refuse_errors(campaign, found.flags)
+
+
+def _print_summary(figures: dict[str, Any]) -> None:
+    sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
+    options.say(
+        f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
+        f"{figures['distinct_poses']} distinct poses"
+    )
+    options.say(f"sessions (rows): {sessions}")
+    rows = []
+    for name, values in figures["ranges"].items():
+        if not name.startswith("approach"):
+            digits = 4 if values["unit"] == "rad" else 2
+            ends = (f"{values[end]:.{digits}f}" for end in ("least", "largest"))
+            rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
+    print_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1))
+    for line in _lines(figures):
+        options.say(line)
+    if not figures["flags"]:
+        options.say("checks: nothing found")
+    for flag in figures["flags"]:
+        severity = flag["severity"]
+        options.say(f"{severity}: {flag['message']}", style=_STYLES[severity])
+        options.say(f"    → {flag['mend']}")
+
+
+def _lines(figures: dict[str, Any]) -> Iterator[str]:
+    """Yield what is not recorded, how far the nominal robot is off, and what the data do not tell."""
+    if missing := figures["missing_conditions"]:
+        yield f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}"
+    if misfit := figures["misfit"]:
+        parts = []
+        for what, unit in (("position", "mm"), ("rotation", "mrad")):
+            value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
+            if value is not None:
+                parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
+        yield f"against the nominal robot, the two unknown frames fitted: {', '.join(parts)} a component, robust"
+    disagree = figures["redundant_drives_disagree_mm"]
+    if disagree is not None:
+        yield f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)"
+    for direction in figures["untold_of_the_frames"]:  # held at zero, and costs nothing
+        text = " ".join(f"{share:+.3g} {name}" for name, share in direction.items())
+        yield f"the poses do not tell of the frames: {text.removeprefix('+')}"
+
+
+def _seen(what: str) -> Any:
+    return options.opt(f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
+
+
+def simulate(
+    *,
+    out: Annotated[Path, options.writes("Table to write, .csv or .parquet; YAML beside.")],
+    plan: Annotated[Path | None, options.reads("Poses as 'path' reads them, and any condition columns.")] = None,
+    random: Annotated[int | None, options.opt("N poses all over the workspace.", metavar="N")] = None,
+    seed: Annotated[int, options.opt("Seed of everything random.", min=0)] = 0,
+    which: bundles.Which,
+    under: bundles.Under,
+    noise_mm: Annotated[float, options.opt("Noise of a coordinate.")] = 0.05,
+    noise_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("Measure no rotations.", "--position-only")] = False,
+    outliers: Annotated[int, options.opt("Rows with a gross error.", metavar="N", min=0)] = 0,
+    outlier_mm: Annotated[float, options.opt("Size of a gross error.")] = 5.0,
+    lost: Annotated[float, options.opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
+    tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
+    target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
+    truth: Annotated[Path | None, options.writes("Write what was hidden (frames, outliers) as JSON.")] = None,
+) -> None:
+    """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
+    from pouring_robot.campaign.plan import random_plan, read_plan
+    from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+    from pouring_robot.io.files import write_together
+
+    if (plan is None) == (random is None):
+        raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
+    options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
+    present = which.built(under=True)
+    poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
+    standing = under.of(present, poses.given(present.model.definition))
+    robots = None if standing is None else standing.robots(poses.drives)
+    settings = MeasurementOptions(
+        sigma_position_m=noise_mm * 1e-3,
+        sigma_rotation_rad=None if position_only else noise_mrad * 1e-3,
+        outliers=outliers,
+        outlier_m=outlier_mm * 1e-3,
+        lost=lost,
+        pose_tracker_to_fixed_platform=_frame(tracker_frame),
+        pose_platform_to_target=_frame(target_frame),
+        seed=seed,
+    )
+    with progress.stage_bars() as show:
+        measured = simulate_campaign(present, poses, settings, path=out, robots=robots, progress=show)
+    files = measured.campaign.contents(out)
+    if truth:
+        files[truth] = measured.truth_text(which.model).encode()
+    write_together(files)
+    options.print_written(files)
+
+
+def _frame(figures: Frame | None) -> Any:
+    import numpy as np
+    import pinocchio as pin
+
+    if figures is None:
+        return None
+    if not all(math.isfinite(value) for value in figures):
+        raise BadInputError("a frame has six finite figures: x y z in mm and a rotation vector in degrees")
+    return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * 1e-3)
+
+
+campaign = bundles.group_of(
+    "Measurement campaigns: choose what to measure, check the data, or measure a virtual robot.",
+    [plan, check, simulate],
+)
