@@ -152,6 +152,6 @@ def _random_conditions(robot: Robot, count: int, random: np.random.Generator) ->
     for name in (part for part in robot.model.definition.expected_thermometers if part not in conditions):
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.
         warm, lag = random.uniform(40.0, 160.0), random.uniform(1800.0, 5400.0)
-        course = 20.0 + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)
+        course = REFERENCE_DEGC + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)
         conditions[name] = np.round(course, 2)
     return conditions

@@ -56,7 +56,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
 def _determined(robot: Robot, location: Location) -> bool:
     """Return whether the drives determine the pose of the drawing at a location."""
     from pouring_robot.exceptions import SingularPoseError
-    from pouring_robot.mechanism.jacobians import drive_jacobians
+    from pouring_robot.mechanism.drive_jacobians import drive_jacobians
 
     try:
         drive_jacobians(robot.nominal_solver, location.nominal)

@@ -20,7 +20,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, Unreachable
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
-from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
+from pouring_robot.mechanism.drive_jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines

@@ -11,7 +11,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.jacobians import drive_jacobians
+from pouring_robot.mechanism.drive_jacobians import drive_jacobians
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,

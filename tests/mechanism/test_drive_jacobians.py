@@ -8,7 +8,7 @@ from pouring_robot.exceptions import BadInputError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.jacobians import DriveJacobians, dexterity, drive_jacobians
+from pouring_robot.mechanism.drive_jacobians import DriveJacobians, dexterity, drive_jacobians
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS
 from pouring_robot.robot.pouring.poses import PlatformPose
