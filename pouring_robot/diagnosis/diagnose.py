@@ -55,20 +55,13 @@ _OUTLIER_ROUNDS = 3
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to diagnose.
+    """How to diagnose."""
 
-    Attributes:
-        exclude: ids of effects that are not to be named.
-        hold_out: kind of block that takes no part.
-        false_names: rate of false names that is accepted where nothing is missing; every threshold of the evidence
-            follows from it.
-        next_count: how many measurements to suggest.
-    """
-
-    exclude: tuple[str, ...] = ()
-    hold_out: HoldOut = "auto"
+    exclude: tuple[str, ...] = ()  # ids of effects that are not to be named
+    hold_out: HoldOut = "auto"  # kind of block that takes no part
+    # rate of false names that is accepted where nothing is missing; every threshold of the evidence follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
-    next_count: int = 10
+    next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
         """Check the rate.

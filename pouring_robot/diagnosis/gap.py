@@ -37,19 +37,12 @@ def in_base(table: FloatArray, axes: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Gap:
-    """Root mean squares of the residual of some rows, per component; NaN where nothing was measured.
+    """Root mean squares of the residual of some rows, per component; NaN where nothing was measured."""
 
-    Attributes:
-        rows: number of rows.
-        before: with the given model and its frames fitted, shape (K,), in m and rad.
-        after: with the amended model, shape (K,), in m and rad.
-        floor: the noise, shape (K,), in m and rad.
-    """
-
-    rows: int
-    before: FloatArray
-    after: FloatArray
-    floor: FloatArray
+    rows: int  # number of rows
+    before: FloatArray  # with the given model and its frames fitted, shape (K,), in m and rad
+    after: FloatArray  # with the amended model, shape (K,), in m and rad
+    floor: FloatArray  # the noise, shape (K,), in m and rad
 
     @classmethod
     def between(cls, before: WhitenedRows, after: WhitenedRows, rows: NDArray[np.bool_], sigma: FloatArray) -> Gap:

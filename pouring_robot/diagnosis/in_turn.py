@@ -34,19 +34,12 @@ _KNOWN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class InTurn:
-    """The gap of rows that took no part, all blocks together.
+    """The gap of rows that took no part, all blocks together."""
 
-    Attributes:
-        blocks: how many there are.
-        gap: of all their rows, each foretold by the other blocks.
-        error_m: standard error of the gap's position afterwards, in m.
-        agreed: of how many blocks the others name what all fitted rows name.
-    """
-
-    blocks: int
-    gap: Gap
-    error_m: float
-    agreed: int
+    blocks: int  # how many there are
+    gap: Gap  # of all their rows, each foretold by the other blocks
+    error_m: float  # standard error of the gap's position afterwards, in m
+    agreed: int  # of how many blocks the others name what all fitted rows name
 
     def metrics(self) -> dict[str, object]:
         """Return the gap's metrics and how well they are known."""

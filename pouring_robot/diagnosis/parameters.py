@@ -17,32 +17,20 @@ FormsByKey = Mapping[tuple[str, str], Form]
 
 @dataclass(frozen=True, eq=False)
 class FoundParameter:
-    """One parameter with its value.
+    """One parameter with its value."""
 
-    Attributes:
-        parameter: what it changes.
-        value: in its unit.
-        std: standard deviation, in its unit.
-    """
-
-    parameter: EffectParameter
-    value: float
-    std: float
+    parameter: EffectParameter  # what it changes
+    value: float  # in its unit
+    std: float  # standard deviation, in its unit
 
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """A named effect with its parameters.
+    """A named effect with its parameters."""
 
-    Attributes:
-        cause: what may be said of it.
-        story: one line for people.
-        parameters: main ones first.
-    """
-
-    cause: Cause
-    story: str
-    parameters: tuple[FoundParameter, ...]
+    cause: Cause  # what may be said of it
+    story: str  # one line for people
+    parameters: tuple[FoundParameter, ...]  # main ones first
 
     def by_name(self, forms: FormsByKey) -> list[tuple[str, FoundParameter]]:
         """Return the parameters by name; where it takes two forms with a parameter each, the form is added.

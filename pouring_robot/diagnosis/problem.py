@@ -21,17 +21,12 @@ _SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """What a campaign can be searched for.
+    """What a campaign can be searched for."""
 
-    Attributes:
-        effects: all there are, by id.
-        forms: of the effects that may be named and that the campaign can test, by effect and form.
-        workmanship: its kinds, by the effect that each is called when it is all there is.
-    """
-
-    effects: Mapping[str, Effect]
+    effects: Mapping[str, Effect]  # all there are, by id
+    # of the effects that may be named and that the campaign can test, by effect and form
     forms: Mapping[tuple[str, str], Form]
-    workmanship: Mapping[str, Form]
+    workmanship: Mapping[str, Form]  # its kinds, by the effect that each is called when it is all there is
 
     @classmethod
     def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:

@@ -46,17 +46,11 @@ Lengths = dict[str, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What can move in a campaign's rows.
+    """What can move in a campaign's rows."""
 
-    Attributes:
-        given: the conditions of the rows.
-        drives: a channel a drive.
-        seen: the components of the measured body, in the axes of the base.
-    """
-
-    given: Conditions
-    drives: tuple[Channel, ...]
-    seen: tuple[Channel, ...]
+    given: Conditions  # the conditions of the rows
+    drives: tuple[Channel, ...]  # a channel a drive
+    seen: tuple[Channel, ...]  # the components of the measured body, in the axes of the base
 
     @classmethod
     def of(

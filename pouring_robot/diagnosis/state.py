@@ -26,21 +26,13 @@ _TRUST = 0.25
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A robot with changes put in, and the rows as they look from there.
+    """A robot with changes put in, and the rows as they look from there."""
 
-    Attributes:
-        parameters: what is changed: effects' and workmanship's parameters.
-        values: one a parameter, in its unit.
-        frames: the two frames.
-        every_row: residuals there.
-        fitted: which rows are fitted, (n,).
-    """
-
-    parameters: tuple[EffectParameter, ...]
-    values: FloatArray
-    frames: SeenFrom
-    every_row: WhitenedRows
-    fitted: NDArray[np.bool_]
+    parameters: tuple[EffectParameter, ...]  # what is changed: effects' and workmanship's parameters
+    values: FloatArray  # one a parameter, in its unit
+    frames: SeenFrom  # the two frames
+    every_row: WhitenedRows  # residuals there
+    fitted: NDArray[np.bool_]  # which rows are fitted, (n,)
 
     @property
     def fitted_rows(self) -> WhitenedRows:
@@ -67,19 +59,12 @@ class LinearState(State):
 
 @dataclass(frozen=True, eq=False)
 class Diagnoser:
-    """Searches a campaign for effects, exactly: the robot is linearised again at every answer.
+    """Searches a campaign for effects, exactly: the robot is linearised again at every answer."""
 
-    Attributes:
-        rows: the campaign.
-        library: what may be found.
-        fitted: rows that may be fitted, (n,); the others play no part.
-        options: thresholds of the search.
-    """
-
-    rows: CampaignRows
-    library: Library
-    fitted: NDArray[np.bool_]
-    options: SearchOptions = DEFAULT_SEARCH
+    rows: CampaignRows  # the campaign
+    library: Library  # what may be found
+    fitted: NDArray[np.bool_]  # rows that may be fitted, (n,); the others play no part
+    options: SearchOptions = DEFAULT_SEARCH  # thresholds of the search
 
     @functools.cached_property
     def _frames_at_rest(self) -> SeenFrom:

@@ -14,17 +14,11 @@ DRAWS, SEED = 1000, 0
 
 @dataclass(frozen=True)
 class Chance:
-    """The largest log evidence of any cause where none is at work.
+    """The largest log evidence of any cause where none is at work."""
 
-    Attributes:
-        evidence: it is larger with the accepted rate of false names only, in nats.
-        draws: residuals drawn.
-        seed: of the draws.
-    """
-
-    evidence: float
-    draws: int = DRAWS
-    seed: int = SEED
+    evidence: float  # it is larger with the accepted rate of false names only, in nats
+    draws: int = DRAWS  # residuals drawn
+    seed: int = SEED  # of the draws
 
 
 def by_chance(null: Hypothesis, rate: float, draws: int = DRAWS, seed: int = SEED) -> Chance:

@@ -25,70 +25,42 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What a process finds in what is left.
+    """What a process finds in what is left."""
 
-    Attributes:
-        process: the process.
-        length: at which length scale it fits best, in words.
-        amplitude: the most probable one, over what is usual.
-        evidence: log evidence for it beside what it was tried beside, in nats.
-        size: root mean square of what it explains, in noise standard deviations.
-    """
-
-    process: Process
-    length: str
-    amplitude: float
-    evidence: float
-    size: float
+    process: Process  # the process
+    length: str  # at which length scale it fits best, in words
+    amplitude: float  # the most probable one, over what is usual
+    evidence: float  # log evidence for it beside what it was tried beside, in nats
+    size: float  # root mean square of what it explains, in noise standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Summand(Structure):
-    """One of several processes at work together, with its own share of what they do.
+    """One of several processes at work together, with its own share of what they do."""
 
-    Attributes:
-        part: what it explains, whitened, shape (m,).
-        movement: by how much each of its parts moves in each row, (n, parts), in m and rad.
-        std: standard deviation of that, (n, parts).
-    """
-
-    part: FloatArray
-    movement: FloatArray
-    std: FloatArray
+    part: FloatArray  # what it explains, whitened, shape (m,)
+    movement: FloatArray  # by how much each of its parts moves in each row, (n, parts), in m and rad
+    std: FloatArray  # standard deviation of that, (n, parts)
 
 
 @dataclass(frozen=True)
 class Challenge:
-    """A process that explains better than a cause in its place.
+    """A process that explains better than a cause in its place."""
 
-    Attributes:
-        process: its name.
-        margin: by how much its log evidence is larger, in nats; negative where the cause explains better.
-    """
-
-    process: str
-    margin: float
+    process: str  # its name
+    margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A process at one length scale in one problem.
+    """A process at one length scale in one problem."""
 
-    Attributes:
-        process: the process.
-        length: the scale in words.
-        absorbed: inner products of its columns with what free unknowns explain, (f, k).
-        inner: of its columns with each other beside those, (k, k).
-        projected: of its columns with the residual, (k,).
-        shared: of the columns of a hypothesis with its own, (q, k).
-    """
-
-    process: Process
-    length: str
-    absorbed: FloatArray
-    inner: FloatArray
-    projected: FloatArray
-    shared: FloatArray
+    process: Process  # the process
+    length: str  # the scale in words
+    absorbed: FloatArray  # inner products of its columns with what free unknowns explain, (f, k)
+    inner: FloatArray  # of its columns with each other beside those, (k, k)
+    projected: FloatArray  # of its columns with the residual, (k,)
+    shared: FloatArray  # of the columns of a hypothesis with its own, (q, k)
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -113,21 +85,13 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A process at its best length scale beside something.
+    """A process at its best length scale beside something."""
 
-    Attributes:
-        evidence: averaged over its length scales, in nats.
-        seen: it at the best of them.
-        amplitude: the most probable one.
-        inner: inner products of its columns beside that something, (k, k).
-        projected: of its columns with the residual, (k,).
-    """
-
-    evidence: float
-    seen: _Seen
-    amplitude: float
-    inner: FloatArray
-    projected: FloatArray
+    evidence: float  # averaged over its length scales, in nats
+    seen: _Seen  # it at the best of them
+    amplitude: float  # the most probable one
+    inner: FloatArray  # inner products of its columns beside that something, (k, k)
+    projected: FloatArray  # of its columns with the residual, (k,)
 
     @property
     def name(self) -> str:

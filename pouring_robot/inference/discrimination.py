@@ -27,27 +27,18 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What an explanation predicts of n possible measurements of k components each, over the noise.
+    """What an explanation predicts of n possible measurements of k components each, over the noise."""
 
-    Attributes:
-        mean: shape (n * k,).
-        covariance: of the prediction and the noise, shape (n * k, n * k).
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
+    mean: FloatArray  # shape (n * k,)
+    covariance: FloatArray  # of the prediction and the noise, shape (n * k, n * k)
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Measurements that were chosen.
+    """Measurements that were chosen."""
 
-    Attributes:
-        chosen: their indices, in the order they were chosen.
-        gains: expected growth of the evidence difference between each pair by each of them, (count, pairs), in nats.
-    """
-
-    chosen: IntArray
+    chosen: IntArray  # their indices, in the order they were chosen
+    # expected growth of the evidence difference between each pair by each of them, (count, pairs), in nats
     gains: FloatArray
 
 

@@ -45,15 +45,10 @@ BoolArray = NDArray[np.bool_]
 
 
 class Scale(NamedTuple):
-    """Standard deviations of a group's coefficients over their usual ones.
+    """Standard deviations of a group's coefficients over their usual ones."""
 
-    Attributes:
-        main: of all of them.
-        shaping: once more, of those that only shape the others.
-    """
-
-    main: float
-    shaping: float = 1.0
+    main: float  # of all of them
+    shaping: float = 1.0  # once more, of those that only shape the others
 
     def weights(self, main: BoolArray) -> FloatArray:
         """Return the factor of each coefficient, (k,).
@@ -66,34 +61,21 @@ class Scale(NamedTuple):
 
 @dataclass(frozen=True)
 class BayesFactor:
-    """What a group of columns is worth.
+    """What a group of columns is worth."""
 
-    Attributes:
-        evidence: log evidence against leaving it out, averaged over scales, in nats.
-        scale: the most probable scales.
-        peak: log evidence at those.
-    """
-
-    evidence: float
-    scale: Scale
-    peak: float
+    evidence: float  # log evidence against leaving it out, averaged over scales, in nats
+    scale: Scale  # the most probable scales
+    peak: float  # log evidence at those
 
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Inner products of columns and residual through the inverse of a covariance.
+    """Inner products of columns and residual through the inverse of a covariance."""
 
-    Attributes:
-        columns: of the columns, (K, K).
-        projected: of the columns with the residual, (K,).
-        squared: of the residual with itself.
-        log_determinant: of the covariance.
-    """
-
-    columns: FloatArray
-    projected: FloatArray
-    squared: float
-    log_determinant: float = 0.0
+    columns: FloatArray  # of the columns, (K, K)
+    projected: FloatArray  # of the columns with the residual, (K,)
+    squared: float  # of the residual with itself
+    log_determinant: float = 0.0  # of the covariance
 
     @classmethod
     def of(cls, groups: Sequence[FloatArray], residual: FloatArray) -> Gram:

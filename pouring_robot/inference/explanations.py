@@ -20,25 +20,17 @@ WORKMANSHIP_FORM = "background"
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """One form of one effect: the columns it can add to the prediction.
+    """One form of one effect: the columns it can add to the prediction."""
 
-    Attributes:
-        effect: id of the effect; several explanations are forms of the same one.
-        form: which form; together with the effect it names the explanation.
-        columns: shape (m, k): whitened signature of each parameter times the parameter's usual size.
-        main: shape (k,): parameters that make the effect; the others only shape it and do not stand alone.
-        cause: whether it may be named. What is no cause is there to be fitted and to explain, such as
-            workmanship that the load brings to light.
-        largest: how many times their usual size the parameters can be.
-        one_of: a constant of which the form is one value; "" for one that may be at work beside any of its effect.
-    """
-
-    effect: str
-    form: str
-    columns: FloatArray
-    main: BoolArray
+    effect: str  # id of the effect; several explanations are forms of the same one
+    form: str  # which form; together with the effect it names the explanation
+    columns: FloatArray  # shape (m, k): whitened signature of each parameter times the parameter's usual size
+    main: BoolArray  # shape (k,): parameters that make the effect; the others only shape it and do not stand alone
+    # whether it may be named. What is no cause is there to be fitted and to explain, such as workmanship that the load
+    # brings to light.
     cause: bool = True
-    largest: float = np.inf
+    largest: float = np.inf  # how many times their usual size the parameters can be
+    # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""
 
     @functools.cached_property
@@ -49,32 +41,20 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Workmanship:
-    """Small errors of one kind that every machine has: fitted beside all explanations, not named while others explain.
+    """Small errors of one kind that every machine has: fitted beside all explanations, named where none explains."""
 
-    Attributes:
-        effect: id of the effect that the same errors are called when they are all there is.
-        columns: shape (m, k), times the size of a part that nobody has measured.
-    """
-
-    effect: str
-    columns: FloatArray
+    effect: str  # id of the effect that the same errors are called when they are all there is
+    columns: FloatArray  # shape (m, k), times the size of a part that nobody has measured
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and all that may explain them, both without what the always free unknowns explain.
+    """Residuals and all that may explain them, both without what the always free unknowns explain."""
 
-    Attributes:
-        residual: shape (m,): measured minus predicted over the noise.
-        nuisance: what free unknowns explain.
-        workmanship: its kinds.
-        explanations: forms of effects.
-    """
-
-    residual: FloatArray
-    nuisance: Nuisance
-    workmanship: tuple[Workmanship, ...]
-    explanations: tuple[Explanation, ...]
+    residual: FloatArray  # shape (m,): measured minus predicted over the noise
+    nuisance: Nuisance  # what free unknowns explain
+    workmanship: tuple[Workmanship, ...]  # its kinds
+    explanations: tuple[Explanation, ...]  # forms of effects
 
     @classmethod
     def build(

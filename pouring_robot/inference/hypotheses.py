@@ -40,21 +40,13 @@ _RANK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Explanations with their scales, and a level of every kind of workmanship.
+    """Explanations with their scales, and a level of every kind of workmanship."""
 
-    Attributes:
-        problem: what is to be explained.
-        items: the explanations, in the order they were added.
-        scales: one an item.
-        levels: index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship.
-        barred: forms that are not to be added.
-    """
-
-    problem: Problem
-    items: tuple[Explanation, ...]
-    scales: tuple[Scale, ...]
-    levels: tuple[int, ...]
-    barred: frozenset[tuple[str, str]] = frozenset()
+    problem: Problem  # what is to be explained
+    items: tuple[Explanation, ...]  # the explanations, in the order they were added
+    scales: tuple[Scale, ...]  # one an item
+    levels: tuple[int, ...]  # index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship
+    barred: frozenset[tuple[str, str]] = frozenset()  # forms that are not to be added
 
     @classmethod
     def nothing(cls, problem: Problem) -> Hypothesis:

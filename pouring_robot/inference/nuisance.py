@@ -37,13 +37,9 @@ def basis(columns: FloatArray, least: float = _RANK) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """The span of nuisance parameters' columns.
+    """The span of nuisance parameters' columns."""
 
-    Attributes:
-        axes: orthonormal, shape (m, f).
-    """
-
-    axes: FloatArray
+    axes: FloatArray  # orthonormal, shape (m, f)
 
     @classmethod
     def of(cls, columns: FloatArray, rank: float = _RANK) -> Nuisance:

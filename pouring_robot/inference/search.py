@@ -13,30 +13,24 @@ from pouring_robot.inference.hypotheses import Hypothesis
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """When an explanation counts.
+    """When an explanation counts."""
 
-    Attributes:
-        false_names: rate of false names that is accepted where nothing is missing. What is not at work is seen with a
-            Bayes factor of K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the
-            forms of an effect sharing its probability, one over this rate is what an effect must be worth
-            (docs/inference.md, "One number decides").
-        by_chance: what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`).
-        most_effects: how many may be found.
-        branches: how many effects are tried in full at every step.
-        least_main_share: share of an effect's part that its main parameters must be able to make; for this and
-            ``most_cancelled`` see docs/inference.md, "What is no cause".
-        most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
-            its usual size.
-        most_cancelled: how many times larger than the whole gap an effect's part may be (root mean squares): what is
-            larger is undone by others, and they are no causes but ways to fit together what is none of them.
-    """
-
+    # rate of false names that is accepted where nothing is missing. What is not at work is seen with a Bayes factor of
+    # K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the forms of an effect
+    # sharing its probability, one over this rate is what an effect must be worth (docs/inference.md, "One number
+    # decides").
     false_names: float = 0.01
+    # what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`)
     by_chance: float = 0.0
-    most_effects: int = 5
-    branches: int = 3
+    most_effects: int = 5  # how many may be found
+    branches: int = 3  # how many effects are tried in full at every step
+    # share of an effect's part that its main parameters must be able to make; for this and ``most_cancelled`` see
+    # docs/inference.md, "What is no cause"
     least_main_share: float = 0.4
+    # how many times larger than an effect's largest main parameter one that only shapes it may be, in usual sizes
     most_shape: float = 5.0
+    # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
+    # others, and they are no causes but ways to fit together what is none of them
     most_cancelled: float = 3.0
 
     @property

@@ -43,16 +43,11 @@ _NOISE = 30.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeenState:
-    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none.
+    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none."""
 
-    Attributes:
-        name: what it is.
-        model: by this robot, (n, 4, 4).
-        measured: as measured, through its frames, likewise; the model's rotation where only a position was measured.
-    """
-
-    name: str
-    model: FloatArray
+    name: str  # what it is
+    model: FloatArray  # by this robot, (n, 4, 4)
+    # as measured, through its frames, likewise; the model's rotation where only a position was measured
     measured: FloatArray
 
     @classmethod

@@ -18,23 +18,14 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What an effect does to one local parameter in each row.
+    """What an effect does to one local parameter in each row."""
 
-    Attributes:
-        channel: name of the local parameter.
-        unit: that the figures count in.
-        axis: what drives the effect.
-        learned: with all that shapes it, (n,).
-        std: standard deviation of that, (n,).
-        textbook: by its main parameters alone, (n,).
-    """
-
-    channel: str
-    unit: str
-    axis: Axis
-    learned: FloatArray
-    std: FloatArray
-    textbook: FloatArray
+    channel: str  # name of the local parameter
+    unit: str  # that the figures count in
+    axis: Axis  # what drives the effect
+    learned: FloatArray  # with all that shapes it, (n,)
+    std: FloatArray  # standard deviation of that, (n,)
+    textbook: FloatArray  # by its main parameters alone, (n,)
 
 
 def shape_of(diagnosis: Findings, effect: NamedEffect) -> Shape | None:

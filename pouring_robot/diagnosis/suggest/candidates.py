@@ -50,15 +50,10 @@ _PROCESS = "process"
 
 @dataclass(frozen=True, eq=False)
 class EndPose:
-    """Where the end body is to stand in the base.
+    """Where the end body is to stand in the base."""
 
-    Attributes:
-        position_m: its origin, (3,).
-        rotation: its axes, (3, 3).
-    """
-
-    position_m: FloatArray
-    rotation: FloatArray
+    position_m: FloatArray  # its origin, (3,)
+    rotation: FloatArray  # its axes, (3, 3)
 
     @property
     def tilt_rad(self) -> float | None:
@@ -78,23 +73,14 @@ class EndPose:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Possible measurements.
+    """Possible measurements."""
 
-    Attributes:
-        poses: n poses of the end body.
-        drives: (n, drives) in m and rad.
-        hot: whether the machine is hot, (n,).
-        hours_later: after the last row of the campaign, (n,).
-        approach: (n, drives) +1 or -1; None where the campaign does not say it of every drive.
-        conditions: (n,) each by quantity name; only those that the campaign has.
-    """
-
-    poses: tuple[EndPose, ...]
-    drives: FloatArray
-    hot: NDArray[np.bool_]
-    hours_later: FloatArray
-    approach: FloatArray | None
-    conditions: dict[str, FloatArray]
+    poses: tuple[EndPose, ...]  # n poses of the end body
+    drives: FloatArray  # (n, drives) in m and rad
+    hot: NDArray[np.bool_]  # whether the machine is hot, (n,)
+    hours_later: FloatArray  # after the last row of the campaign, (n,)
+    approach: FloatArray | None  # (n, drives) +1 or -1; None where the campaign does not say it of every drive
+    conditions: dict[str, FloatArray]  # (n,) each by quantity name; only those that the campaign has
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -102,19 +88,12 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class _Reach:
-    """Poses to draw from, and how far loads and travels may go.
+    """Poses to draw from, and how far loads and travels may go."""
 
-    Attributes:
-        poses: count poses.
-        drives: theirs, (count, drives).
-        payload_kg: largest payload.
-        travels: from where to where the base may stand, by name, in m.
-    """
-
-    poses: tuple[EndPose, ...]
-    drives: FloatArray
-    payload_kg: float
-    travels: dict[str, tuple[float, float]]
+    poses: tuple[EndPose, ...]  # count poses
+    drives: FloatArray  # theirs, (count, drives)
+    payload_kg: float  # largest payload
+    travels: dict[str, tuple[float, float]]  # from where to where the base may stand, by name, in m
 
 
 def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Reach:

@@ -21,17 +21,11 @@ NOTHING = "nothing"
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """An explanation of the campaign.
+    """An explanation of the campaign."""
 
-    Attributes:
-        name: what explains: an effect's id, or a description in words.
-        hypothesis: the whole of it.
-        log_evidence: its own, in nats, up to a constant of the campaign.
-    """
-
-    name: str
-    hypothesis: Hypothesis
-    log_evidence: float
+    name: str  # what explains: an effect's id, or a description in words
+    hypothesis: Hypothesis  # the whole of it
+    log_evidence: float  # its own, in nats, up to a constant of the campaign
 
     @classmethod
     def of(cls, name: str, hypothesis: Hypothesis) -> Contender:

@@ -28,27 +28,16 @@ _LITTLE_NATS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class SuggestedMeasurement:
-    """One pose under some conditions.
+    """One pose under some conditions."""
 
-    Attributes:
-        robot: that is measured.
-        pose: of the end body in the base.
-        drives: commanded, (drives,), in m and rad.
-        conditions: by the column names of a campaign file, in the units they carry.
-        hours_later: after the last row of the campaign.
-        rank: 1 for the measurement that tells most, and so on: who can make only some makes these.
-        separates: the two explanations it tells apart best.
-        nats: by how much their log evidence difference is expected to grow, given the measurements of a lower rank.
-    """
-
-    robot: RobotDefinition
-    pose: EndPose
-    drives: FloatArray
-    conditions: dict[str, float]
-    hours_later: float
-    rank: int
-    separates: tuple[str, str]
-    nats: float
+    robot: RobotDefinition  # that is measured
+    pose: EndPose  # of the end body in the base
+    drives: FloatArray  # commanded, (drives,), in m and rad
+    conditions: dict[str, float]  # by the column names of a campaign file, in the units they carry
+    hours_later: float  # after the last row of the campaign
+    rank: int  # 1 for the measurement that tells most, and so on: who can make only some makes these
+    separates: tuple[str, str]  # the two explanations it tells apart best
+    nats: float  # by how much their log evidence difference is expected to grow, given the measurements of a lower rank
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
@@ -85,44 +74,28 @@ class SuggestedMeasurement:
 
 @dataclass(frozen=True)
 class Separation:
-    """What the measurements do for one pair of explanations.
+    """What the measurements do for one pair of explanations."""
 
-    Attributes:
-        first: the better explanation so far.
-        second: the other one.
-        now_nats: by how much the log evidence of the first is larger so far.
-        expected_nats: by how much the difference is expected to grow, for whichever of the two is right.
-        random_nats: the same for as many measurements chosen at random: median.
-        words: how to tell them apart.
-    """
-
-    first: str
-    second: str
-    now_nats: float
-    expected_nats: float
-    random_nats: float
-    words: str
+    first: str  # the better explanation so far
+    second: str  # the other one
+    now_nats: float  # by how much the log evidence of the first is larger so far
+    expected_nats: float  # by how much the difference is expected to grow, for whichever of the two is right
+    random_nats: float  # the same for as many measurements chosen at random: median
+    words: str  # how to tell them apart
 
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """What to measure next.
+    """What to measure next."""
 
-    Attributes:
-        measurements: in the order in which to make them; none where nothing is to be told apart.
-        separations: pairs of explanations.
-        expected_nats: how far all pairs come apart together: a geometric mean.
-        random_nats: the same of random choices among the same candidates, one a set, (sets,).
-        advice: what else would help, one line each.
-        seed: of the candidates and the random choices.
-    """
-
+    # in the order in which to make them; none where nothing is to be told apart
     measurements: tuple[SuggestedMeasurement, ...]
-    separations: tuple[Separation, ...]
-    expected_nats: float
+    separations: tuple[Separation, ...]  # pairs of explanations
+    expected_nats: float  # how far all pairs come apart together: a geometric mean
+    # the same of random choices among the same candidates, one a set, (sets,)
     random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
-    advice: tuple[str, ...] = ()
-    seed: int = 0
+    advice: tuple[str, ...] = ()  # what else would help, one line each
+    seed: int = 0  # of the candidates and the random choices
 
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""

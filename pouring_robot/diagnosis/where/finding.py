@@ -9,29 +9,17 @@ LACK_OF_FIT, REPEATS, COMPONENT, CONDITION, REGION = "lack of fit", "repeats", "
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing said of the disagreement.
+    """One thing said of the disagreement."""
 
-    Attributes:
-        what: ``lack of fit``, ``repeats``, ``component``, ``condition`` or ``region``.
-        sentence: in words.
-        size: root mean square, or the span of what a condition does, in m or rad.
-        p_value: probability that noise alone makes as much anywhere; None where the noise is not known.
-        component: in which component it is largest; "" for all together.
-        turning: whether it counts in rad.
-        condition: condition or region; "" for none.
-        rivals: conditions that went along and would explain it as well.
-        share: of the sum of squares, what this condition explains beside those before it.
-    """
-
-    what: str
-    sentence: str
-    size: float
-    p_value: float | None
-    component: str = ""
-    turning: bool = False
-    condition: str = ""
-    rivals: tuple[str, ...] = ()
-    share: float = 1.0
+    what: str  # ``lack of fit``, ``repeats``, ``component``, ``condition`` or ``region``
+    sentence: str  # in words
+    size: float  # root mean square, or the span of what a condition does, in m or rad
+    p_value: float | None  # probability that noise alone makes as much anywhere; None where the noise is not known
+    component: str = ""  # in which component it is largest; "" for all together
+    turning: bool = False  # whether it counts in rad
+    condition: str = ""  # condition or region; "" for none
+    rivals: tuple[str, ...] = ()  # conditions that went along and would explain it as well
+    share: float = 1.0  # of the sum of squares, what this condition explains beside those before it
 
     def as_json(self) -> dict[str, object]:
         """Return it as ``diagnosis.json`` holds it."""

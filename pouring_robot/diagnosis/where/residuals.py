@@ -16,28 +16,17 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class FreeResiduals:
-    """Residuals of a model of which only two frames were fitted.
+    """Residuals of a model of which only two frames were fitted."""
 
-    Attributes:
-        residual: measured minus predicted over the noise, shape (m,).
-        row: row of each equation, (m,).
-        component: component of each equation in the tracker's axes, (m,).
-        sigma: noise of each equation, (m,), in m or rad.
-        nuisance: what the frames can explain.
-        axes: axes of the base in the tracker's frame, (3, 3).
-        drives: whitened derivative of the prediction by the drives, (m, D), per m and rad.
-        noise_known: False where ``sigma`` was guessed or taken from these very residuals.
-        noise_freedoms: degrees of freedom of an estimated noise (from repeats); infinite where it was stated.
-    """
-
-    residual: FloatArray
-    row: NDArray[np.intp]
-    component: NDArray[np.intp]
-    sigma: FloatArray
-    nuisance: Nuisance
-    axes: FloatArray
-    drives: FloatArray
-    noise_known: bool = True
+    residual: FloatArray  # measured minus predicted over the noise, shape (m,)
+    row: NDArray[np.intp]  # row of each equation, (m,)
+    component: NDArray[np.intp]  # component of each equation in the tracker's axes, (m,)
+    sigma: FloatArray  # noise of each equation, (m,), in m or rad
+    nuisance: Nuisance  # what the frames can explain
+    axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
+    drives: FloatArray  # whitened derivative of the prediction by the drives, (m, D), per m and rad
+    noise_known: bool = True  # False where ``sigma`` was guessed or taken from these very residuals
+    # degrees of freedom of an estimated noise (from repeats); infinite where it was stated
     noise_freedoms: float = float("inf")
 
     @cached_property

@@ -28,17 +28,11 @@ _MINOR_SHARE = 0.005
 
 @dataclass(frozen=True)
 class Where:
-    """Where model and measurement disagree.
+    """Where model and measurement disagree."""
 
-    Attributes:
-        findings: what is significant, most important first.
-        notes: what could not be looked at, and why.
-        base: the body whose axes components are in.
-    """
-
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]
-    base: str
+    findings: tuple[Finding, ...]  # what is significant, most important first
+    notes: tuple[str, ...]  # what could not be looked at, and why
+    base: str  # the body whose axes components are in
 
     @property
     def sentences(self) -> tuple[str, ...]:
