@@ -11,10 +11,9 @@ from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.inference.chance import Chance, by_chance
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, search
+from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_chance, search
 from pouring_robot.mechanism.arrays import FloatArray
 
 _ROUNDS = 4
@@ -75,17 +74,12 @@ class Diagnoser:
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
-    def chance(self) -> Chance:
-        """What the evidence of an effect is by chance, in this campaign."""
-        return self._chance_in(self.problem_at(self.at_rest()))
-
-    def _chance_in(self, problem: Problem) -> Chance:
-        return by_chance(Hypothesis.nothing(problem), self.options.false_names)
-
-    @functools.cached_property
     def thresholds(self) -> SearchOptions:
-        """Thresholds of the search that hold in this campaign, too."""
-        return replace(self.options, by_chance=self.chance.evidence)
+        """Thresholds of the search that hold in this campaign, too: what the evidence of an effect is by chance."""
+        return self._thresholds_in(self.problem_at(self.at_rest()))
+
+    def _thresholds_in(self, problem: Problem) -> SearchOptions:
+        return replace(self.options, by_chance=by_chance(Hypothesis.nothing(problem), self.options.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
@@ -118,8 +112,8 @@ class Diagnoser:
     def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
         state = self.at_rest()
         problem = self.problem_at(state)
-        if "chance" not in vars(self):  # worked out by itself it would linearise all rows once more
-            vars(self)["chance"] = self._chance_in(problem)
+        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
+            vars(self)["thresholds"] = self._thresholds_in(problem)
         thresholds = self.thresholds
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for turn in range(_ROUNDS):

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import credible
 
 Verdict = Literal["no_gap", "named", "group", "unknown"]

@@ -155,7 +155,11 @@ class Discrepancy:
             least_evidence: what counts, in nats.
         """
         found = sorted((one for one in self._alone if one.evidence >= least_evidence), key=lambda one: -one.evidence)
-        return [Structure(*self._facts(one, one.evidence)) for one in found]
+        count = len(self.hypothesis.problem.residual)
+        return [
+            Structure(f.seen.process, f.seen.length, f.amplitude, f.evidence, float(np.sqrt(f.squared / count)))
+            for f in found
+        ]
 
     def sum(self, least_evidence: float, most: int) -> list[Summand]:
         """Return the processes whose sum explains what is left, largest first.
@@ -262,10 +266,6 @@ class Discrepancy:
         best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
         return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
-    def _worth(self, one: _Found, beside: Beside, own: Places, chosen: Sequence[_Found]) -> float:
-        """Return what one process at its length scale is worth beside others."""
-        return bayes_factor(*self._outside(beside, own, chosen, one.seen)).evidence
-
     def _outside(
         self, beside: Beside, own: Places, chosen: Sequence[_Found], seen: _Seen
     ) -> tuple[FloatArray, FloatArray]:
@@ -299,10 +299,6 @@ class Discrepancy:
         gram = Gram(np.block(blocks), projected, problem.gram.squared)
         return Beside(gram, np.arange(len(projected)), np.concatenate(weights)), own
 
-    def _facts(self, one: _Found, evidence: float) -> tuple[Process, str, float, float, float]:
-        size = np.sqrt(one.squared / len(self.hypothesis.problem.residual))
-        return one.seen.process, one.seen.length, one.amplitude, evidence, float(size)
-
     def _summands(self, chosen: Sequence[_Found]) -> Iterator[Summand]:
         """Yield the chosen processes, each with its share of what they do together."""
         if not chosen:
@@ -321,14 +317,11 @@ class Discrepancy:
             part = problem.nuisance.cleared(part)
             size = float(np.sqrt((part @ part) / len(part)))
             others = [other for other in chosen if other is not one]
-            facts = one.seen.process, one.seen.length, one.amplitude, self._worth(one, *self._beside(others), others)
+            worth = bayes_factor(*self._outside(*self._beside(others), others, one.seen)).evidence
+            facts = one.seen.process, one.seen.length, one.amplitude, worth
             yield Summand(*facts, size, part, np.column_stack(movement), np.column_stack(std))
 
     def _again(self, summands: Sequence[Summand]) -> list[_Found]:
         """Return what summands were made from."""
-        wanted = {(summand.process.name, summand.length): summand for summand in summands}
-        every = {(seen.process.name, seen.length): seen for lengths in self._seen.values() for seen in lengths}
-        return [
-            _Found(s.evidence, every[key], s.amplitude, every[key].inner, every[key].projected)
-            for key, s in wanted.items()
-        ]
+        found = [(s, next(one for one in self._seen[s.process.name] if one.length == s.length)) for s in summands]
+        return [_Found(s.evidence, seen, s.amplitude, seen.inner, seen.projected) for s, seen in found]

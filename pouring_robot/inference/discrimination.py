@@ -98,28 +98,22 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
         components: k of a measurement.
         count: how many to choose, at most n.
     """
-    states = [
-        (
-            _Direction(predictions[a], predictions[b], components),
-            _Direction(predictions[b], predictions[a], components),
-        )
-        for a, b in pairs
-    ]
+    both_ways = [way for a, b in pairs for way in ((a, b), (b, a))]
+    directions = [_Direction(predictions[right], predictions[other], components) for right, other in both_ways]
     sums = np.zeros(len(pairs))
     chosen: list[int] = []
     gains: list[FloatArray] = []
     n = len(predictions[0].mean) // components
     for _ in range(min(count, n)):
-        found = np.column_stack([0.5 * (a.gains() + b.gains()) for a, b in states])
+        found = np.column_stack([one.gains() for one in directions]).reshape(n, len(pairs), 2).mean(axis=2)
         worth = total(sums + found)
         worth[chosen] = -np.inf
         best = int(np.argmax(worth))
         chosen.append(best)
         gains.append(found[best])
         sums = sums + found[best]
-        for state in states:
-            for direction in state:
-                direction.add(best)
+        for one in directions:
+            one.add(best)
     return Choice(np.array(chosen, dtype=np.intp), np.array(gains).reshape(-1, len(pairs)))
 
 

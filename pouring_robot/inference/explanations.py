@@ -11,11 +11,34 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_unit
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_FORM = "background"
 """What an effect's form is called in files where it is workmanship."""
+_RANK = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """What always free unknowns (frames, constants) can explain: taken out of everything before it is compared."""
+
+    axes: FloatArray  # orthonormal, of the span of their columns, shape (m, f)
+
+    @classmethod
+    def of(cls, columns: FloatArray, rank: float = _RANK) -> Nuisance:
+        """Return the span of columns (m, k) of any scales; what is longer than ``rank`` of the longest axis counts."""
+        size = np.linalg.norm(columns, axis=0)
+        axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+        return cls(axes[:, values > rank * values.max(initial=0.0)])
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom f that it takes up."""
+        return int(self.axes.shape[1])
+
+    def cleared(self, values: FloatArray) -> FloatArray:
+        """Return vectors (m,) or (m, k) without what the nuisance parameters explain."""
+        return np.asarray(values - self.axes @ (self.axes.T @ values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +68,11 @@ class Workmanship:
 
     effect: str  # id of the effect that the same errors are called when they are all there is
     columns: FloatArray  # shape (m, k), times the size of a part that nobody has measured
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and the form that workmanship is called by."""
+        return self.effect, WORKMANSHIP_FORM
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,32 +119,23 @@ class Problem:
     @functools.cached_property
     def gram(self) -> Gram:
         """Inner products of all columns and the residual."""
-        workmanship, found = [b.columns for b in self.workmanship], [e.columns for e in self.explanations]
-        return Gram.of([*workmanship, *found], self.residual)
+        return Gram.of([one.columns for one in (*self.workmanship, *self.explanations)], self.residual)
 
     @functools.cached_property
-    def _places(self) -> tuple[tuple[Places, ...], dict[tuple[str, str], Places]]:
-        widths = [b.columns.shape[1] for b in self.workmanship] + [e.columns.shape[1] for e in self.explanations]
-        ends = np.cumsum([0, *widths])
-        found = [np.arange(first, last, dtype=np.intp) for first, last in itertools.pairwise(ends.tolist())]
-        first = len(self.workmanship)
-        keys = (item.key for item in self.explanations)
-        return tuple(found[:first]), dict(zip(keys, found[first:], strict=True))
+    def _places(self) -> dict[tuple[str, str], Places]:
+        every = (*self.workmanship, *self.explanations)
+        ends = np.cumsum([0, *(one.columns.shape[1] for one in every)]).tolist()
+        return {
+            one.key: np.arange(*own, dtype=np.intp) for one, own in zip(every, itertools.pairwise(ends), strict=True)
+        }
 
-    def workmanship_places(self, index: int) -> Places:
-        """Return which of :attr:`columns` are those of a kind of workmanship."""
-        return self._places[0][index]
-
-    def places(self, item: Explanation) -> Places:
-        """Return which of :attr:`columns` are those of an explanation."""
-        return self._places[1][item.key]
-
-    def shaping_unit(self, item: Explanation) -> float:
-        """Return the unit of an explanation's shaping scale; see :func:`~.evidence.shaping_unit`."""
-        return self._shaping_units[item.key]
+    def places(self, item: Explanation | Workmanship) -> Places:
+        """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""
+        return self._places[item.key]
 
     @functools.cached_property
-    def _shaping_units(self) -> dict[tuple[str, str], float]:
+    def shaping_units(self) -> dict[tuple[str, str], float]:
+        """Unit of each explanation's shaping scale, by its key; see :func:`~.evidence.shaping_unit`."""
         every = [(item, self.places(item)) for item in self.explanations]
         return {item.key: shaping_unit(self.gram.columns[at[:, None], at], item.main) for item, at in every}
 

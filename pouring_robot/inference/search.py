@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 
@@ -20,7 +21,7 @@ class SearchOptions:
     # sharing its probability, one over this rate is what an effect must be worth (docs/inference.md, "One number
     # decides").
     false_names: float = 0.01
-    # what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`)
+    # what it must be worth at least because so many effects are tried, in nats (:func:`by_chance`)
     by_chance: float = 0.0
     most_effects: int = 5  # how many may be found
     branches: int = 3  # how many effects are tried in full at every step
@@ -40,6 +41,7 @@ class SearchOptions:
 
 
 DEFAULT_SEARCH = SearchOptions()
+CHANCE_DRAWS, CHANCE_SEED = 1000, 0
 _BRANCH_BEHIND = 30.0
 _CATCHES_UP = 200.0
 """How far behind another explanation may be at first sight, in nats."""
@@ -48,6 +50,33 @@ _WORTH_TRYING = 0.6
 _MOST_REFUSED = 8
 _BEYOND_DOUBT = 200.0
 """Log evidence beyond which no workmanship takes the place of an item, in nats."""
+
+
+def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
+    """Return the log evidence that the best cause exceeds at a rate where none is at work, in nats.
+
+    A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.
+    Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
+    products through C for covariance, so that no residual has to be drawn.
+    """
+    problem, inner = null.problem, null.everything.gram.columns
+    squared, axes = eigen(inner)
+    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose.
+    spread = (axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T
+    projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
+    largest = np.zeros(draws)
+    for item in problem.explanations:
+        if item.cause and item.columns.any():
+            places = problem.places(item)
+            found = evidences(
+                inner[places[:, None], places],
+                projected[places],
+                item.main,
+                item.largest,
+                problem.shaping_units[item.key],
+            )
+            largest = np.maximum(largest, found + problem.log_priors[item.effect])
+    return float(np.quantile(largest, 1.0 - rate))
 
 
 def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:

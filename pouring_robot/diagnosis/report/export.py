@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures
@@ -180,13 +181,13 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
 
 def _thresholds(diagnosis: Conclusions) -> Metrics:
     """Return what an effect must be worth, and what chance alone makes of it in this campaign."""
-    asked, chance = diagnosis.diagnoser.thresholds, diagnosis.diagnoser.chance
+    asked = diagnosis.diagnoser.thresholds
     return {
         "false_names": asked.false_names,
         "least_evidence_nats": asked.least_evidence,
-        "by_chance_nats": chance.evidence,
-        "draws": chance.draws,
-        "seed": chance.seed,
+        "by_chance_nats": asked.by_chance,
+        "draws": CHANCE_DRAWS,
+        "seed": CHANCE_SEED,
     }
 
 

@@ -25,8 +25,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -210,7 +209,7 @@ class Prospect:
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
         self._nuisance = Nuisance.of(self._linear.free)
-        self._new_columns: dict[str | tuple[str, str], FloatArray] = {}
+        self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
@@ -223,12 +222,12 @@ class Prospect:
 
         Columns that are as they were before there were new rows are not held twice.
         """
-        held = {_key(item): item.columns for item in before}
+        held = {item.key: item.columns for item in before}
         for item in items:
             columns = self._nuisance.cleared(item.columns)
-            self._new_columns[_key(item)] = columns[self._new]
+            self._new_columns[item.key] = columns[self._new]
             old = given.nuisance.cleared(columns[self._old])
-            known = held.get(_key(item), old)
+            known = held.get(item.key, old)
             yield replace(item, columns=known if _alike(known, old) else old)
 
     def explanation(self, name: str) -> Explanation | None:
@@ -244,9 +243,8 @@ class Prospect:
 
     def new_columns(self, item: Explanation | Workmanship) -> FloatArray:
         """Return the columns of an explanation or of workmanship in the new rows."""
-        if isinstance(item, Explanation) and item.form == _PROCESS:
-            return columns_of(self._described[item.effect])[self._new]
-        return self._new_columns[_key(item)]
+        known = self._new_columns.get(item.key)
+        return columns_of(self._described[item.effect])[self._new] if known is None else known
 
 
 def _alike(one: FloatArray, other: FloatArray) -> bool:
@@ -254,10 +252,6 @@ def _alike(one: FloatArray, other: FloatArray) -> bool:
     if one.shape != other.shape:
         return False
     return bool((np.abs(one - other).max(axis=0) <= _ROUND_OFF * np.abs(one).max(axis=0)).all())
-
-
-def _key(item: Explanation | Workmanship) -> str | tuple[str, str]:
-    return item.effect if isinstance(item, Workmanship) else item.key
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:

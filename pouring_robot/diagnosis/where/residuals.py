@@ -10,7 +10,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.estimation.instruments import are
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 
