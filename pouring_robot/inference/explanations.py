@@ -116,18 +116,19 @@ class Problem:
         effects = [item.effect for item in self.explanations]
         return {effect: -float(np.log(effects.count(effect))) for effect in effects}
 
+    @property
+    def _groups(self) -> list[Workmanship | Explanation]:
+        return [*self.workmanship, *self.explanations]
+
     @functools.cached_property
     def gram(self) -> Gram:
         """Inner products of all columns and the residual."""
-        return Gram.of([one.columns for one in (*self.workmanship, *self.explanations)], self.residual)
+        return Gram.of([one.columns for one in self._groups], self.residual)
 
     @functools.cached_property
     def _places(self) -> dict[tuple[str, str], Places]:
-        every = (*self.workmanship, *self.explanations)
-        ends = np.cumsum([0, *(one.columns.shape[1] for one in every)]).tolist()
-        return {
-            one.key: np.arange(*own, dtype=np.intp) for one, own in zip(every, itertools.pairwise(ends), strict=True)
-        }
+        ends = itertools.pairwise(np.cumsum([0, *(one.columns.shape[1] for one in self._groups)]).tolist())
+        return {one.key: np.arange(*own, dtype=np.intp) for one, own in zip(self._groups, ends, strict=True)}
 
     def places(self, item: Explanation | Workmanship) -> Places:
         """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""

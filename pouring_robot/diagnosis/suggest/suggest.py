@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,9 @@ from pouring_robot.campaign.columns import approach_names, condition_columns
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
-from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.effects.base import Effect
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.io.threads import one_blas_thread
@@ -24,6 +26,7 @@ MOST = 10
 RANDOM_SETS = 50
 _CANDIDATES = 75
 _LITTLE_NATS = 3.0
+_OPEN = "measure where the two predict most apart: the poses listed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,3 +222,35 @@ def _measurement(
         names[best],
         float(gains[best]),
     )
+
+
+def separating_words(first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions) -> str:
+    """Return how to tell two explanations apart: by what the campaign held still, else by what differs.
+
+    Args:
+        first: id of an effect, or any other explanation.
+        second: the same.
+        effects: all there are, by id.
+        conditions: of the campaign.
+    """
+    both = [effects[name] for name in (first, second) if name in effects]
+    ways = [(effect.driver, effect.separation(conditions)) for effect in both]
+    known = [(driver, how) for driver, how in ways if how]
+    still = [how for driver, how in known if held_still(driver, conditions)]
+    free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]
+    chosen = still or free or [how for _, how in known]
+    return "; ".join(dict.fromkeys(chosen)) or _OPEN
+
+
+def untestable_words(untestable: Mapping[str, tuple[str, ...]], robot: RobotDefinition) -> tuple[str, ...]:
+    """Return what to record so that effects can be tested, one line each.
+
+    Args:
+        untestable: effects with the conditions that the campaign lacks.
+        robot: of the drawing.
+    """
+    lines: dict[str, list[str]] = {}
+    for effect, lacking in untestable.items():
+        for name in lacking:
+            lines.setdefault(facts_of(name, robot).record or name, []).append(effect)
+    return tuple(f"record {what}: without it {', '.join(effects)} cannot be tested" for what, effects in lines.items())

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.diagnosis.processes import CHANCE, CONSTANT, SIDE, Places, disagreements_of
-from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
-from pouring_robot.diagnosis.where.ranks import rank_correlation
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.fit import rank_correlation
+from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
@@ -76,7 +75,7 @@ def _finding(
         text += f"; {quiet}"
     p_value = float(min(tried * np.exp(-main.evidence), 1.0))
     channel = main.process.lengths[main.length][0].channel
-    return Finding(CONDITION, f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
+    return Finding("condition", f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
 
 
 def _size(item: Summand) -> tuple[float, bool]:

@@ -1,9 +1,10 @@
-"""Residuals of a model of which only two frames were fitted: what "where do they disagree" is asked of."""
+"""Residuals that "where do they disagree" is asked of, and what is said of them: a record, a sentence, an entry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import scipy.special
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pouring_robot.estimation.instruments import are
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,3 +61,32 @@ class FreeResiduals:
             nuisance=Nuisance.of(self.nuisance.axes / factor[:, None]),
             drives=self.drives / factor[:, None],
         )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing said of the disagreement."""
+
+    what: Literal["lack of fit", "repeats", "component", "condition", "region"]
+    sentence: str  # in words
+    size: float  # root mean square, or the span of what a condition does, in m or rad
+    p_value: float | None  # probability that noise alone makes as much anywhere; None where the noise is not known
+    component: str = ""  # in which component it is largest; "" for all together
+    turning: bool = False  # whether it counts in rad
+    condition: str = ""  # condition or region; "" for none
+    rivals: tuple[str, ...] = ()  # conditions that went along and would explain it as well
+    share: float = 1.0  # of the sum of squares, what this condition explains beside those before it
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as ``diagnosis.json`` holds it."""
+        size = {"size_mrad": self.size / MRAD} if self.turning else {"size_mm": self.size / MM}
+        out = {"what": self.what, "component": self.component, "condition": self.condition, **size}
+        out |= {"p_value": self.p_value, "sentence": self.sentence}
+        return out | ({"or": list(self.rivals)} if self.rivals else {})
+
+
+def size_text(size: float, turning: bool = False) -> str:
+    """Return a size in m or rad as mm or mrad, two figures."""
+    value = size / (MRAD if turning else MM)
+    digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 1.0 else 1
+    return f"{value:.{digits}f} {'mrad' if turning else 'mm'}"

@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.where.dependence import dependence, untested
-from pouring_robot.diagnosis.where.finding import COMPONENT, REGION, Finding, size_text
-from pouring_robot.diagnosis.where.fit import components, overall, repeats
-from pouring_robot.diagnosis.where.regions import regions
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.fit import components, overall, regions, repeats
+from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.threads import one_blas_thread
@@ -37,10 +35,10 @@ class Where:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What was found in words, then notes; what makes less than a 14th of it (rms) is left out."""
-        by_component = [item for item in self.findings if item.what == COMPONENT]
+        by_component = [item for item in self.findings if item.what == "component"]
         found: list[str] = []
         for item in self.findings:
-            if item.what != COMPONENT and item.share >= _MINOR_SHARE:
+            if item.what != "component" and item.share >= _MINOR_SHARE:
                 found.append(item.sentence)
             elif by_component and item is by_component[0]:
                 sizes = ", ".join(f"{f.component} by {size_text(f.size, f.turning)}" for f in by_component)
@@ -86,9 +84,9 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     general = _judged(general, 0.5 * alpha)
     # How much first, then what it depends on, then where in the workspace.
     findings = (
-        *(f for f in general if f.what != REGION),
+        *(f for f in general if f.what != "region"),
         *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
-        *[f for f in general if f.what == REGION][:1],
+        *[f for f in general if f.what == "region"][:1],
     )
     return Where(findings, tuple(noted), conditions.causes.words.base)
 
