@@ -55,11 +55,9 @@ def amended(diagnosis: Findings) -> RobotModel:
 
 
 def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
-    """Return whether a parameter changes only joints and drives, alike in every row.
+    """Return whether a parameter, of an effect without conditions, changes only joints and drives, alike in every row.
 
-    Args:
-        parameter: of an effect without conditions of its own.
-        inside: names of the local parameters of the mechanism; the fixed platform and the tracker are none.
+    These are what is inside the mechanism; the fixed platform and the tracker are not.
     """
     known = set(inside)
     return all(

@@ -55,7 +55,7 @@ _OUTLIER_ROUNDS = 3
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to diagnose."""
+    """How to diagnose; a BadInputError where the rate of false names is no share."""
 
     exclude: tuple[str, ...] = ()  # ids of effects that are not to be named
     hold_out: HoldOut = "auto"  # kind of block that takes no part
@@ -64,11 +64,6 @@ class DiagnosisOptions:
     next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
-        """Check the rate.
-
-        Raises:
-            BadInputError: it is no rate.
-        """
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
 

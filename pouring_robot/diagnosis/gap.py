@@ -26,12 +26,7 @@ def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
 
 
 def in_base(table: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return a table (n, K) turned into the axes of the base; NaN where a component is missing.
-
-    Args:
-        table: in the tracker's axes.
-        axes: axes of the base in the tracker's frame, (3, 3).
-    """
+    """Return a table (n, K) in the tracker's axes turned into those of the base, (3, 3); NaN where one is missing."""
     return np.hstack([table[:, :3] @ axes, table[:, 3:6] @ axes, table[:, 6:]])
 
 
@@ -46,14 +41,7 @@ class Gap:
 
     @classmethod
     def between(cls, before: WhitenedRows, after: WhitenedRows, rows: NDArray[np.bool_], sigma: FloatArray) -> Gap:
-        """Return the gap of some rows.
-
-        Args:
-            before: residuals of the given model, all rows.
-            after: residuals of the amended model, all rows.
-            rows: which rows, a mask (n,).
-            sigma: noise of the K components, in m and rad.
-        """
+        """Return the gap of some rows, by a mask (n,), from residuals of all; sigma (K,) is the noise, in m and rad."""
         size = len(sigma)
         was, left = (_by_component(seen.of(rows), size) for seen in (before, after))
         return cls(int(rows.sum()), was, left, np.asarray(sigma, float))

@@ -57,13 +57,7 @@ def held_out_in_turn(
 ) -> InTurn | None:
     """Return how well each block is foretold by the others; None where some block alone tells of the frames.
 
-    Args:
-        diagnoser: the search.
-        before: the given model.
-        after: the amended model.
-        blocks: rows, by index; together all of them.
-        names: effects that all fitted rows name.
-        progress: is told of every block.
+    Blocks are rows by index, together all of them; ``names`` are the effects that all fitted rows name.
     """
     problem, linear = diagnoser.problem_at(after, of_every_row=True), after.every_row
     masks = [np.isin(linear.row, rows) for rows in blocks]

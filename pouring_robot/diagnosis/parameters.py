@@ -59,10 +59,7 @@ def found_parameters(
 ) -> list[tuple[str, tuple[FoundParameter, ...]]]:
     """Return every group of a hypothesis that has parameters: workmanship by effect, then items as effect/form.
 
-    Args:
-        hypothesis: what was found.
-        workmanship: form of each kind of workmanship, in the order of the hypothesis's levels.
-        forms: by key of the hypothesis's items.
+    Workmanship has a form for each kind, in the order of the hypothesis's levels; other forms go by key of the items.
     """
     mean, covariance = hypothesis.coefficients()
     fitted = zip(mean.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)

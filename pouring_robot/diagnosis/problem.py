@@ -30,15 +30,10 @@ class Library:
 
     @classmethod
     def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:
-        """Return the library for a campaign.
-
-        Args:
-            rows: the campaign.
-            chosen: effects that may be named, by id.
+        """Return the library for a campaign, of effects that may be named, by id.
 
         Raises:
-            BadInputError: an effect that a package offers does not do as :class:`~pouring_robot.effects.base.Effect`
-                says.
+            BadInputError: an effect of a package does not do as :class:`~pouring_robot.effects.base.Effect` says.
         """
         given, channels = rows.conditions, rows.channels
         forms = {
@@ -60,12 +55,7 @@ class Library:
 def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: FloatArray) -> Problem:
     """Return the problem linearised at a state.
 
-    Args:
-        rows: the campaign.
-        linear: residuals and derivatives there.
-        library: what may explain them.
-        added: what the state's own changes add to the prediction to first order, (m,): it is given back, so that the
-            problem is to find them again.
+    What the state's own changes add to the prediction to first order, (m,), is given back: they are to be found again.
     """
     workmanship, found = workmanship_of(rows, linear, library), known_effects(rows, linear, library)
     return Problem.build(linear.residual + added, linear.free, workmanship, found)

@@ -90,12 +90,8 @@ def shown(component: NDArray[np.intp]) -> tuple[int, ...]:
 def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, chance: bool = True) -> Iterator[Process]:
     """Yield the processes that a campaign's conditions allow, and that its measurements can show at all.
 
-    Args:
-        rows: the campaign.
-        linear: residuals and derivatives at the present state.
-        axes: axes of the base in the tracker's frame, (3, 3).
-        chance: whether what differs from row to row by chance counts as something unknown. Where the noise is not
-            stated it is noise, of the robot if not of the device.
+    ``axes`` are those of the base in the tracker's frame, (3, 3); ``chance`` says whether what differs from row to row
+    by chance counts as something unknown. Where the noise is not stated it is noise, of the robot if not of the device.
     """
     given = rows.conditions
     places = Places.of(given, linear.row, linear.component, linear.tracker, axes, rows.drive_columns(linear))

@@ -143,7 +143,7 @@ class CampaignRows:
 
     Raises:
         FrameFitError: too few rows.
-        DiagnosisError: no row closes.
+        DiagnosisError: a row does not close, here or with the changes that it is linearised with.
     """
 
     def __init__(self, campaign: Campaign, model: RobotModel, noise: NoiseLevel) -> None:
@@ -217,11 +217,9 @@ class CampaignRows:
         return RowChanges(np.zeros((n, drives)), np.zeros((n, placements)), np.zeros((n, 6)), np.zeros(n))
 
     def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
-        """Return the change that parameters of the given values make together.
+        """Return the change that effects' parameters make together under this campaign's conditions.
 
-        Args:
-            parameters: of effects under this campaign's conditions.
-            values: one a parameter, in its unit.
+        Values are one a parameter, in its unit.
         """
         total = self.unchanged()
         for name, change in local_changes(parameters, values.tolist()).items():
@@ -237,11 +235,7 @@ class CampaignRows:
         return total
 
     def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
-        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,).
-
-        Raises:
-            DiagnosisError: a row does not close.
-        """
+        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
@@ -252,11 +246,7 @@ class CampaignRows:
         return frames
 
     def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
-        """Close the loops with changes put in, and differentiate.
-
-        Raises:
-            DiagnosisError: with these changes a row does not close.
-        """
+        """Close the loops with changes put in, and differentiate."""
         total, model = self._given + changes, self.measurement
         total = replace(total, base=total.base + base_displacements(frames.sessions, self._session))
         seen = self._seen(total, frames)

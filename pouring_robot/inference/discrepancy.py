@@ -70,11 +70,7 @@ class _Seen:
     def of(cls, process: Process, length: str, values: FloatArray, free: int) -> _Seen:
         """Return it beside what free unknowns explain.
 
-        Args:
-            process: what it is.
-            length: which of its scales.
-            values: axes of the free unknowns, the residual and the columns of the hypothesis, free of those, (m, q).
-            free: how many free unknowns there are.
+        Values (m, q) are their axes, so many, then the residual and the columns of the hypothesis, free of those.
         """
         parts = process.lengths[length]
         values = against(parts, values).T
@@ -106,15 +102,9 @@ class _Found:
 
 
 class Discrepancy:
-    """What processes find beside a hypothesis, and in the place of its causes.
-
-    Args:
-        hypothesis: what is known to be at work.
-        processes: to be tried.
-    """
+    """What processes find beside a hypothesis, and in the place of its causes; all inner products are formed once."""
 
     def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
-        """Work out all inner products once."""
         self.hypothesis = hypothesis
         places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
@@ -126,17 +116,13 @@ class Discrepancy:
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
 
     def __len__(self) -> int:
-        """Return the number of processes."""
         return len(self._seen)
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
-        """Return the process that would explain best in the place of a cause.
+        """Return the process that would explain best in the place of a cause, by indices of the items that make it.
 
         A cause that is the right one beats processes, which are less specific. Where a process is clearly better, the
         cause is only the nearest neighbour of what is at work.
-
-        Args:
-            indices: of the items of the hypothesis that make the cause.
         """
         rest, own_worth = self.hypothesis.without(indices), self.hypothesis.worth(indices)
         effects = {self.hypothesis.items[k].effect for k in indices}
@@ -149,11 +135,7 @@ class Discrepancy:
         return best
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
-        """Return what structure single processes find beside the hypothesis, most evident first.
-
-        Args:
-            least_evidence: what counts, in nats.
-        """
+        """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""
         found = sorted((one for one in self._alone if one.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
         return [
@@ -162,13 +144,9 @@ class Discrepancy:
         ]
 
     def sum(self, least_evidence: float, most: int) -> list[Summand]:
-        """Return the processes whose sum explains what is left, largest first.
+        """Return the processes, so many at most, whose sum explains what is left, largest first.
 
-        They are added one by one, and left out again where they are not missed beside the others.
-
-        Args:
-            least_evidence: what each must be worth beside the others, in nats.
-            most: how many there may be.
+        They are added one by one, and left out again where they are not worth so many nats beside the others.
         """
         chosen: list[_Found] = []
         tried = {one.name: one for one in self._alone}
@@ -186,11 +164,7 @@ class Discrepancy:
 
         What a process is worth hardly grows as others are added, so that most need not be looked at again (lazy greedy
         choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
-
-        Args:
-            tried: all processes by name, as they were when last looked at; brought up to date in place.
-            chosen: what is at work already.
-            least_evidence: what is enough, in nats.
+        ``tried`` has all by name, as they were when last looked at, and is brought up to date in place.
         """
         place, taken = self._beside(chosen), {one.name for one in chosen}
         left = {name: one for name, one in tried.items() if name not in taken}
@@ -219,12 +193,9 @@ class Discrepancy:
         return settled
 
     def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
-        """Return the conditions that would explain as much in the place of a summand, best first.
+        """Return the conditions that would explain as much, but for some nats, in the place of a summand, best first.
 
-        Args:
-            summand: one of those that :meth:`sum` found.
-            beside: the others.
-            apart: a rival is worth no more nats less.
+        The summand and those beside it are what :meth:`sum` found.
         """
         others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
         least = summand.evidence - apart
@@ -234,11 +205,7 @@ class Discrepancy:
     def bounds(self, beside: Sequence[Summand]) -> dict[str, float]:
         """Return of every other process, by name, what its movement is below with a probability of 97.5 %.
 
-        Args:
-            beside: what is at work, as :meth:`sum` found it.
-
-        Returns:
-            Root mean square over the rows, in m or rad.
+        Root mean squares over the rows, in m or rad, beside what :meth:`sum` found.
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
         place, bounds = self._beside(chosen), {}

@@ -51,11 +51,7 @@ class Scale(NamedTuple):
     shaping: float = 1.0  # once more, of those that only shape the others
 
     def weights(self, main: BoolArray) -> FloatArray:
-        """Return the factor of each coefficient, (k,).
-
-        Args:
-            main: which are no more than that, (k,).
-        """
+        """Return the factor of each coefficient, (k,); ``main`` (k,) says which do not only shape the others."""
         return self.main * np.where(main, 1.0, self.shaping)
 
 
@@ -141,10 +137,7 @@ class Beside:
     def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the same of columns that are not in the Gram matrix.
 
-        Args:
-            shared: inner products of the groups' columns with them, (k, a).
-            inner: of them with each other, (a, a).
-            projected: of them with the residual, (a,).
+        From their inner products with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
         seen = self._solved(self._weights[:, None] * shared)
         return inner - seen.T @ seen, projected - seen.T @ self._pulled
@@ -165,11 +158,8 @@ class Beside:
 def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
     """Return by how much shaping coefficients must be multiplied to make as much of the prediction as the others.
 
-    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing.
-
-    Args:
-        columns: inner products of a group's columns, (k, k).
-        main: which of them are no shaping, (k,).
+    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing. ``columns``
+    are inner products of a group's columns, (k, k), and ``main`` says which of them are no shaping, (k,).
     """
     sizes = np.diag(columns)
     whole, shaping = float(sizes[main].sum()), float(sizes[~main].sum())
@@ -225,15 +215,7 @@ def evidences(
     largest: float = np.inf,
     unit: float = 1.0,
 ) -> FloatArray:
-    """Return the log evidence of a group of columns for many residuals, (d,), in nats.
-
-    Args:
-        columns: as for :func:`bayes_factor`.
-        projected: inner products of the columns with each residual, (k, d).
-        main: the same.
-        largest: the same.
-        unit: the same.
-    """
+    """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
     log_scales, _, weights = _grid(len(columns), main, largest, unit)
     squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
     kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
@@ -256,17 +238,11 @@ def _grid(
 
 
 def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
-    """Return the log evidence of a group of columns at each scale, (p, s).
+    """Return the log evidence of a group of columns at each scale, (p, s), for several sets of weights, (p, k).
 
     In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
     1 + s^2 T the pivots, from its end, give the determinant, and the first one the element that is asked for (Golub &
     Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
-
-    Args:
-        weights: of the columns, several sets of them, (p, k).
-        columns: their inner products, (k, k).
-        projected: with the residual, (k,).
-        log_scales: logarithms of the scales, (s,).
     """
     count, variances = len(projected), np.exp(2.0 * log_scales)
     diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
@@ -300,13 +276,7 @@ def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def largest_scale(columns: FloatArray, projected: FloatArray, probability: float = 0.975) -> float:
-    """Return the scale that the coefficients of a group are below with a probability, given the data.
-
-    Args:
-        columns: as for :func:`bayes_factor`.
-        projected: the same.
-        probability: of being below.
-    """
+    """Return the scale that the coefficients of a group, as of :func:`bayes_factor`, are below with a probability."""
     worth = _over_scales(np.ones((1, len(columns))), columns, projected, LOG_SCALES)[0]
     shares = np.cumsum(np.exp(worth - worth.max()))
     return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

@@ -92,13 +92,9 @@ class Problem:
         workmanship: Iterable[Workmanship],
         explanations: Iterable[Explanation],
     ) -> Problem:
-        """Return the problem beside free unknowns, which are always fitted and never named.
+        """Return the problem of a residual (m,) beside free unknowns, always fitted and never named, by columns (m, f).
 
-        Args:
-            residual: shape (m,).
-            free: columns of the free unknowns, shape (m, f).
-            workmanship: its kinds.
-            explanations: forms of effects. Taken one by one: their columns are most of what a diagnosis holds.
+        Explanations are taken one by one: their columns are most of what a diagnosis holds.
         """
         nuisance = Nuisance.of(free)
         cleared = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in workmanship)

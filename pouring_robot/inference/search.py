@@ -83,12 +83,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
-    (see :func:`credible`), the search goes on without it.
-
-    Args:
-        problem: residuals and all that may explain them.
-        options: thresholds.
-        start: where to begin; by default with nothing.
+    (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
     """
     current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
     for _ in range(_MOST_REFUSED):

@@ -27,14 +27,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position: there is nothing to draw; ``next.csv`` where nothing
-    is to be measured next.
-
-    Args:
-        diagnosis: what was found.
-        folder: made if it is not there; files of an earlier diagnosis in it are replaced.
-
-    Returns:
-        The files, as they stand in the folder.
+    is to be measured next. The folder is made if it is not there; files of an earlier diagnosis in it are replaced.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -99,12 +92,7 @@ Metrics = dict[str, Any]
 
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
-    """Return ``diagnosis.json``.
-
-    Args:
-        diagnosis: what was found.
-        model_file: path of the amended model file.
-    """
+    """Return ``diagnosis.json``, which says where the amended model file is."""
     judgement = diagnosis.judgement
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {

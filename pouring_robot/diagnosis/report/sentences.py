@@ -329,12 +329,7 @@ def _drive_text(measurement: SuggestedMeasurement) -> str:
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:
-    """Return headings and lines in the order they matter; empty sections are left out.
-
-    Args:
-        diagnosis: what was found.
-        short: whether only the most important sentences are wanted.
-    """
+    """Return headings and lines in the order they matter, if short the most important; empty sections are left out."""
     where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]

@@ -135,14 +135,7 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
 
 
 def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
-    """Return measurements that could follow a campaign, drawn within limits.
-
-    Args:
-        campaign: its conditions are those that can be recorded.
-        model: the robot: what can be reached and carried.
-        count: how many.
-        seed: of the draw.
-    """
+    """Return so many measurements that could follow a campaign, drawn within what can be reached and recorded."""
     reach = _reach(campaign, model, count, seed)
     random = np.random.default_rng([seed, 7])
     block = np.sort(np.arange(count) % len(_BLOCKS))

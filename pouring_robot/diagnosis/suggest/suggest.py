@@ -225,14 +225,7 @@ def _measurement(
 
 
 def separating_words(first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions) -> str:
-    """Return how to tell two explanations apart: by what the campaign held still, else by what differs.
-
-    Args:
-        first: id of an effect, or any other explanation.
-        second: the same.
-        effects: all there are, by id.
-        conditions: of the campaign.
-    """
+    """Return how to tell two explanations, effects or not, apart: by what was held still, else by what differs."""
     both = [effects[name] for name in (first, second) if name in effects]
     ways = [(effect.driver, effect.separation(conditions)) for effect in both]
     known = [(driver, how) for driver, how in ways if how]
@@ -243,12 +236,7 @@ def separating_words(first: str, second: str, effects: Mapping[str, Effect], con
 
 
 def untestable_words(untestable: Mapping[str, tuple[str, ...]], robot: RobotDefinition) -> tuple[str, ...]:
-    """Return what to record so that effects can be tested, one line each.
-
-    Args:
-        untestable: effects with the conditions that the campaign lacks.
-        robot: of the drawing.
-    """
+    """Return what to record so that effects can be tested, by the conditions that the campaign lacks, one line each."""
     lines: dict[str, list[str]] = {}
     for effect, lacking in untestable.items():
         for name in lacking:

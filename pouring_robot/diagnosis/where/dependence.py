@@ -21,15 +21,10 @@ _MINOR = 0.25
 
 
 def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Finding]:
-    """Return what the residuals depend on, largest part first.
+    """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
     1963), so that the number of processes tried over B is a p-value.
-
-    Args:
-        data: residuals, of which nothing but the frames is known.
-        given: the conditions of their rows.
-        alpha: probability of any finding by noise alone.
     """
     found: list[Summand] = []
     for _ in range(1 if data.noise_known else _NOISE_ROUNDS):
