@@ -1,6 +1,7 @@
 """What follows from the findings: where the gap is, what is left, the amended model, the next measurements."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -93,9 +94,7 @@ class Conclusions(Findings):
         """The gap by kind of rows; of a model that was not amended nothing changes."""
         found = {"held_out": self.held_out, "train": self.train}
         kept = {name: gap for name, gap in found.items() if gap is not None}
-        if not self.refused:
-            return kept
-        return {name: Gap(gap.rows, gap.before, gap.before, gap.floor) for name, gap in kept.items()}
+        return {name: replace(gap, after=gap.before) for name, gap in kept.items()} if self.refused else kept
 
     @property
     def shown_gap(self) -> tuple[str, Gap]:

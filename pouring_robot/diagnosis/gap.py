@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,26 +63,18 @@ class Gap:
         gap = self.position("before") - self.position("floor")
         return (self.position("before") - self.position("after")) / gap if gap > 0.0 else float("nan")
 
-    def metrics(self) -> dict[str, float | int | dict[str, dict[str, float]] | None]:
+    def metrics(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""
-        found: dict[str, float | int | dict[str, dict[str, float]] | None] = {"rows": self.rows}
-        for which in ("before", "after", "floor"):
-            found[f"{which}_rms_mm"] = _number(self.position(which) / MM)
-        for which in ("before", "after", "floor"):
-            found[f"{which}_rms_mrad"] = _number(self.rotation(which) / MRAD)
-        found["components"] = {
-            component_name(k): {
-                which: float(getattr(self, which)[k] / component_unit(k)) for which in ("before", "after", "floor")
-            }
-            for k in np.flatnonzero(np.isfinite(self.before)).tolist()
+        kinds, seen = ("before", "after", "floor"), np.flatnonzero(np.isfinite(self.before)).tolist()
+        sizes = {f"{which}_rms_mm": self.position(which) / MM for which in kinds}
+        sizes |= {f"{which}_rms_mrad": self.rotation(which) / MRAD for which in kinds}
+        components = {
+            component_name(k): {which: float(getattr(self, which)[k] / component_unit(k)) for which in kinds}
+            for k in seen
         }
-        return found
+        return {"rows": self.rows, **sizes, "components": components}
 
 
 def _by_component(seen: WhitenedRows, size: int) -> FloatArray:
     values = seen.residual * seen.tracker
     return np.array([rms(values[seen.component == k]) for k in range(size)])
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -119,11 +119,7 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
 
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
     """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    workmanship = [
-        prospect.new_columns(b)
-        for level, b in zip(hypothesis.levels, prospect.problem.workmanship, strict=True)
-        if level
-    ]
-    columns = [*workmanship, *(prospect.new_columns(item) for item in hypothesis.items)]
-    scaled = [own * weights for own, weights in zip(columns, hypothesis.weights(), strict=True)]
+    kinds = zip(hypothesis.levels, prospect.problem.workmanship, strict=True)
+    groups = [*(kind for level, kind in kinds if level), *hypothesis.items]
+    scaled = [prospect.new_columns(own) * weights for own, weights in zip(groups, hypothesis.weights(), strict=True)]
     return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])
