@@ -32,12 +32,10 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     words = diagnosis.rows.conditions.causes.words
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
+    over = f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})"
     drawn = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
-        (
-            f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})",
-            _residuals(diagnosis),
-        ),
+        (over, _residuals(diagnosis)),
     ]
     if diagnosis.firm:
         drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))
@@ -50,9 +48,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
 def _shown(diagnosis: Conclusions) -> NDArray[np.bool_]:
     """Return which rows are drawn, shape (n,): all, or an even choice of many."""
     count = len(diagnosis.rows)
-    shown = np.zeros(count, dtype=bool)
-    shown[evenly(count, _MOST_ROWS)] = True
-    return shown
+    return np.isin(np.arange(count), evenly(count, _MOST_ROWS))
 
 
 def _gap(diagnosis: Conclusions) -> str:
@@ -107,14 +103,8 @@ def _residuals(diagnosis: Conclusions) -> str:
     room = {"left": 0.7 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.4 / height}
     seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
     lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
-    grid = figure.subplots(
-        len(lengths),
-        len(shown),
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-        gridspec_kw=room | {"wspace": 0.1, "hspace": 0.1},
-    )
+    shared: dict[str, Any] = {"sharex": "col", "sharey": "row", "gridspec_kw": room | {"wspace": 0.1, "hspace": 0.1}}
+    grid = figure.subplots(len(lengths), len(shown), squeeze=False, **shared)
     for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
@@ -205,29 +195,28 @@ def _evidence(diagnosis: Conclusions) -> str:
     heights = [1.0 + 0.3 * len(steps), *[3.1] * ((len(causes) + 1) // 2)]
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     axes = figure.add_subplot(grid[0, :])
-    values = [value for _, value in steps]
-    axes.barh(range(len(steps)), values, color=AFTER)
-    axes.set_yticks(range(len(steps)), [name for name, _ in steps], fontsize=8)
-    axes.invert_yaxis()
-    for k, value in enumerate(values):
-        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=8)
-    axes.margins(x=0.1)
+    _bars(axes, steps, AFTER, 8, margin=0.1)
     axes.set_xlabel("log evidence over workmanship alone [nats]", fontsize=8)
     for k, cause in enumerate(causes):
         _rival_panel(figure.add_subplot(grid[1 + k // 2, k % 2]), hypothesis, cause)
     return svg_of(figure)
 
 
+def _bars(axes: Any, named: list[tuple[str, float]], colour: Any, size: float, margin: float) -> None:
+    """Draw named values as bars from the top, each with its figure, in letters of a size."""
+    places = range(len(named))
+    axes.barh(places, [value for _, value in named], color=colour)
+    axes.set_yticks(places, [name for name, _ in named], fontsize=size)
+    axes.invert_yaxis()
+    for k, (_, value) in enumerate(named):
+        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=size)
+    axes.margins(x=margin)
+
+
 def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
     rivals = sorted(rival_margins(hypothesis, cause).items(), key=lambda item: item[1])
-    lost = [value for _, value in rivals]
     colours = [BEFORE if name in cause.alternatives else GREY for name, _ in rivals]
-    axes.barh(range(len(rivals)), lost, color=colours)
-    axes.set_yticks(range(len(rivals)), [name for name, _ in rivals], fontsize=7)
-    axes.invert_yaxis()
-    for k, value in enumerate(lost):
-        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=7)
-    axes.margins(x=0.15)
+    _bars(axes, rivals, colours, 7, margin=0.15)
     axes.tick_params(axis="x", labelsize=7)
     axes.set_title(f"instead of {cause.effect}", fontsize=9)
     orange = "; orange: cannot be told apart" if BEFORE in colours else ""
@@ -254,11 +243,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
-    n = len(diagnosis.rows)
-    given = diagnosis.rows.conditions
-    order = np.argsort(given.time_s, kind="stable")
-    place = np.empty(n, dtype=int)
-    place[order] = np.arange(n)
+    place = np.argsort(np.argsort(diagnosis.rows.conditions.time_s, kind="stable"))
     shown = _shown(diagnosis)
     for kind, colour in zip(KINDS, (AFTER, HELD_OUT, *COLOURS), strict=False):
         chosen = are(kind, linear.component) & shown[linear.row]

@@ -42,8 +42,8 @@ _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 _TRIES = 4
 _TURNED = 1e-9
 _ROUND_OFF = 1e-8
-_FRAME = 0.02
 _PROCESS = "process"
+_FRAME = 0.02
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
 
 
@@ -85,36 +85,25 @@ class Candidates:
         return len(self.poses)
 
 
-@dataclass(frozen=True, eq=False)
-class _Reach:
-    """Poses to draw from, and how far loads and travels may go."""
-
-    poses: tuple[EndPose, ...]  # count poses
-    drives: FloatArray  # theirs, (count, drives)
-    payload_kg: float  # largest payload
-    travels: dict[str, tuple[float, float]]  # from where to where the base may stand, by name, in m
+Reach = tuple[Iterable[tuple[FloatArray, FloatArray]], FloatArray, float, dict[str, tuple[float, float]]]
+"""Places and axes of poses, their drives (count, drives), largest payload in kg, least and largest travels in m."""
 
 
-def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Reach:
+def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reach:
     """Return what can be measured: of the pouring robot its workspace, of any other what the campaign went through."""
     if model.robot is None:
         robot = PouringRobot(model)
         plan = random_plan(robot, count, seed)
-        poses = (pose.to_se3() for pose in plan.platform_poses)
+        poses = [pose.to_se3() for pose in plan.platform_poses]
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
-        places = tuple(EndPose(pose.translation, pose.rotation) for pose in poses)
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
-        return _Reach(places, plan.drives, robot.layout.ladle.payload.value, travels)
+        return [(p.translation, p.rotation) for p in poses], plan.drives, robot.layout.ladle.payload.value, travels
     drives, start = _between(campaign, model, count, seed)
-    places = tuple(EndPose(p, r) for p, r in zip(start.position, start.rotation, strict=True))
     given = campaign.conditions
-    travels = {
-        name: (float(np.nanmin(given[name])), float(np.nanmax(given[name])))
-        for name in campaign.robot.travels
-        if name in given
-    }
+    seen = {name: given[name] for name in campaign.robot.travels if name in given}
+    travels = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seen.items()}
     payload = float(np.nanmax(given["payload"])) if "payload" in given else 0.0
-    return _Reach(places, drives, payload, travels)
+    return zip(start.position, start.rotation, strict=True), drives, payload, travels
 
 
 def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
@@ -136,7 +125,7 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
 
 def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
     """Return so many measurements that could follow a campaign, drawn within what can be reached and recorded."""
-    reach = _reach(campaign, model, count, seed)
+    poses, drives, payload_kg, travels = _reach(campaign, model, count, seed)
     random = np.random.default_rng([seed, 7])
     block = np.sort(np.arange(count) % len(_BLOCKS))
     after_h, hot = np.array([_BLOCKS[k][0] for k in block]), np.array([_BLOCKS[k][1] for k in block])
@@ -145,17 +134,17 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     last = 0.0 if campaign.time_s is None else float(np.nanmax(campaign.time_s))
     reference = campaign.metadata.reference_temperature_degC
     cold = REFERENCE_DEGC if reference is None else reference
-    approach = random.choice([-1.0, 1.0], reach.drives.shape)
+    approach = random.choice([-1.0, 1.0], drives.shape)
     made: dict[str, FloatArray] = {
         "time": last + _HOUR_S * later,
-        "payload": random.choice(np.array([0.0, 0.5, 1.0]) * reach.payload_kg, count),
+        "payload": random.choice(np.array([0.0, 0.5, 1.0]) * payload_kg, count),
     }
-    made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in reach.travels.items()}
+    made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in travels.items()}
     for kind in causes_of(campaign.robot).thermometers:
         made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
     recorded = approach if _recorded(campaign.approach) else None
-    return Candidates(reach.poses, reach.drives, hot, later, recorded, kept)
+    return Candidates(tuple(EndPose(*pose) for pose in poses), drives, hot, later, recorded, kept)
 
 
 def _recorded(values: FloatArray | None) -> bool:
