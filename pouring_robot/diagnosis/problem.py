@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Problem, Workmanship
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
 SAG = "background_sag"
@@ -50,15 +50,6 @@ class Library:
     def tried(self) -> frozenset[str]:
         """Ids of the effects of which there is a form."""
         return frozenset(effect for effect, _ in self.forms)
-
-
-def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: FloatArray) -> Problem:
-    """Return the problem linearised at a state.
-
-    What the state's own changes add to the prediction to first order, (m,), is given back: they are to be found again.
-    """
-    workmanship, found = workmanship_of(rows, linear, library), known_effects(rows, linear, library)
-    return Problem.build(linear.residual + added, linear.free, workmanship, found)
 
 
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:

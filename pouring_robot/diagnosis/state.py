@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
-from pouring_robot.diagnosis.problem import Library, problem_at
+from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
@@ -86,9 +86,14 @@ class Diagnoser:
         return LinearState(parameters, values, frames, every_row, self.fitted)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
-        """Return the search's problem at a state for the fitted rows, or with those held out among them."""
+        """Return the search's problem linearised at a state for the fitted rows, or with those held out among them.
+
+        What the state's own changes add to the prediction to first order is given back: they are to be found again.
+        """
         linear = state.every_row if of_every_row else state.linear
-        return problem_at(self.rows, linear, self.library, self._signature(state.parameters, state.values, linear))
+        residual = linear.residual + self._signature(state.parameters, state.values, linear)
+        workmanship = workmanship_of(self.rows, linear, self.library)
+        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
 
     def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.

@@ -108,7 +108,7 @@ class Discrepancy:
         self.hypothesis = hypothesis
         places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
-        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, *hypothesis.unscaled()])
+        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
         self._seen = {
             process.name: [_Seen.of(process, length, values, nuisance.dof) for length in process.lengths]
             for process in processes

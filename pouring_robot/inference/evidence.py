@@ -119,10 +119,6 @@ class Beside:
         solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor.T, values, lower=0, trans=1)[0]
         return solution
 
-    def _seen(self, places: Places) -> FloatArray:
-        """Return the factor's inverse times what the groups have in common with other columns, (k, a)."""
-        return self._solved(self._weights[:, None] * self._gram.columns[self.places[:, None], places])
-
     @property
     def log_likelihood(self) -> float:
         """Log density of the residual, in nats, up to a constant of the number of rows."""
@@ -130,9 +126,9 @@ class Beside:
 
     def of(self, places: Places) -> tuple[FloatArray, FloatArray]:
         """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
-        seen = self._seen(places)
-        columns = self._gram.columns[places[:, None], places] - seen.T @ seen
-        return columns, self._gram.projected[places] - seen.T @ self._pulled
+        columns, projected = self._gram.columns, self._gram.projected
+        shared, inner = columns[self.places[:, None], places], columns[places[:, None], places]
+        return self.outside(shared, inner, projected[places])
 
     def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the same of columns that are not in the Gram matrix.
@@ -145,9 +141,8 @@ class Beside:
     @functools.cached_property
     def gram(self) -> Gram:
         """All inner products."""
-        seen = self._solved(self._weights[:, None] * self._gram.columns[self.places])
-        columns, projected = self._gram.columns - seen.T @ seen, self._gram.projected - seen.T @ self._pulled
-        return Gram(columns, projected, self.squared, self.log_determinant)
+        columns, projected = self._gram.columns, self._gram.projected
+        return Gram(*self.outside(columns[self.places], columns, projected), self.squared, self.log_determinant)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""

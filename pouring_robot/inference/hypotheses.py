@@ -20,7 +20,7 @@ from pouring_robot.inference.evidence import (
     bayes_factor,
     most_evidence,
 )
-from pouring_robot.inference.explanations import Explanation, Nuisance, Problem
+from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
@@ -99,17 +99,18 @@ class Hypothesis:
 
     def groups(self) -> list[FloatArray]:
         """Return the scaled columns of everything fitted."""
-        return [own * weights for own, (_, weights) in zip(self.unscaled(), self._groups, strict=True)]
+        return [own.columns * weights for own, (_, weights) in zip(self.fitted, self._groups, strict=True)]
 
-    def unscaled(self) -> list[FloatArray]:
-        """Return the columns of everything fitted, by group."""
-        workmanship = [b.columns for b, level in zip(self.problem.workmanship, self.levels, strict=True) if level]
-        return [*workmanship, *(item.columns for item in self.items)]
+    @property
+    def fitted(self) -> list[Workmanship | Explanation]:
+        """Everything fitted, by group: kinds of workmanship, then items."""
+        kinds = zip(self.problem.workmanship, self.levels, strict=True)
+        return [*(kind for kind, level in kinds if level), *self.items]
 
     @property
     def columns(self) -> FloatArray:
         """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
-        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self.unscaled()])
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *(own.columns for own in self.fitted)])
 
     def on(self, problem: Problem) -> Hypothesis:
         """Return the same on another problem of the same explanations."""

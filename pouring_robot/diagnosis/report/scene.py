@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -168,7 +167,8 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     body = (measured[:, None], _MEASURED_TINT)
     robots = [SceneRobot("measured", ladle, body[0], tint=body[1])]
     arrows = []
-    everywhere = _spread(np.flatnonzero(np.isfinite(_everywhere(states))))
+    everywhere = np.flatnonzero(np.isfinite(_everywhere(states)))
+    everywhere = everywhere[:: max(-(-everywhere.size // _MOST_ARROWS), 1)]  # as many as a picture can bear
     words = loops.working_frame.replace("_", " ")
     for state in states:
         moved = shown.copy()
@@ -233,11 +233,6 @@ def _taken_apart(
         elif part.name.rpartition("_")[0] not in BACKGROUND_LINKS:
             rest.addGeometryObject(part.copy())
     return ladle, rest
-
-
-def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return all rows, or as many as a picture can bear."""
-    return rows[:: -(-rows.size // _MOST_ARROWS)] if rows.size else rows
 
 
 def _caption(

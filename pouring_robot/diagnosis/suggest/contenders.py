@@ -119,7 +119,6 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
 
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
     """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    kinds = zip(hypothesis.levels, prospect.problem.workmanship, strict=True)
-    groups = [*(kind for level, kind in kinds if level), *hypothesis.items]
-    scaled = [prospect.new_columns(own) * weights for own, weights in zip(groups, hypothesis.weights(), strict=True)]
+    groups = zip(hypothesis.fitted, hypothesis.weights(), strict=True)
+    scaled = [prospect.new_columns(own) * weights for own, weights in groups]
     return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])
