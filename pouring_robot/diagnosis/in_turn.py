@@ -62,7 +62,8 @@ def held_out_in_turn(
     problem, linear = diagnoser.problem_at(after, of_every_row=True), after.every_row
     masks = [np.isin(linear.row, rows) for rows in blocks]
     free = problem.nuisance.axes
-    if any(_weakest(free[~block]) < _KNOWN for block in masks):
+    # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
+    if any(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 < _KNOWN for block in masks):
         return None
     given, found, agreed = np.zeros(len(linear.row)), np.zeros(len(linear.row)), 0
     for turn, block in enumerate(masks):
@@ -97,8 +98,3 @@ def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[Floa
 def _unforeseen(values: FloatArray, free: FloatArray, block: Mask) -> FloatArray:
     """Return a block's values, the free unknowns fitted to the others."""
     return np.asarray(values[block] - free[block] @ np.linalg.lstsq(free[~block], values[~block], rcond=None)[0])
-
-
-def _weakest(free: FloatArray) -> float:
-    """Return the least square of a singular value; of columns that are orthonormal over all rows a share of 1."""
-    return float(np.linalg.svd(free, compute_uv=False).min(initial=1.0)) ** 2

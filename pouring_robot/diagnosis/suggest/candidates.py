@@ -7,6 +7,7 @@ may have been set up anew, so that the new rows have frames of their own.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -166,17 +167,7 @@ Item = TypeVar("Item", Explanation, Workmanship)
 
 
 class Prospect:
-    """Explanations of a campaign, with what they would predict of possible measurements.
-
-    Args:
-        diagnosis: of the campaign.
-        possible: the measurements.
-
-    Attributes:
-        problem: the fitted rows of the campaign and all explanations.
-        components: measured of a pose, 3 or 6.
-        frames: columns of the new rows' own frames, times their usual size, (n * components, 12).
-    """
+    """Explanations of a campaign, with what they would predict of possible measurements."""
 
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
@@ -187,7 +178,7 @@ class Prospect:
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
-        self.components = int(new.sum()) // len(possible)
+        self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
         self._nuisance = Nuisance.of(self._linear.free)
@@ -195,8 +186,9 @@ class Prospect:
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
+        # The fitted rows of the campaign and all explanations.
         self.problem = Problem(given.residual, given.nuisance, tuple(workmanship), tuple(found))
-        self._described: dict[str, tuple[Part, ...]] = {}
+        # Columns of the new rows' own frames, times their usual size, (n * components, 12).
         self.frames = _FRAME * self._linear.frame_columns[self._new]
 
     def _with_new_rows(self, items: Iterable[Item], given: Problem, before: Sequence[Item]) -> Iterator[Item]:
@@ -212,12 +204,13 @@ class Prospect:
             known = held.get(item.key, old)
             yield replace(item, columns=known if _alike(known, old) else old)
 
+    @cached_property
+    def _described(self) -> dict[str, tuple[Part, ...]]:
+        found = processes_of(self._rows, self._linear, self._after.frames.T_tracker_base.rotation)
+        return {p.name: next(iter(p.lengths.values())) for p in found}
+
     def explanation(self, name: str) -> Explanation | None:
         """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
-        if not self._described:
-            axes = self._after.frames.T_tracker_base.rotation
-            found = processes_of(self._rows, self._linear, axes)
-            self._described = {p.name: next(iter(p.lengths.values())) for p in found}
         if name not in self._described:
             return None
         columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
