@@ -14,8 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
+from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import processes_of

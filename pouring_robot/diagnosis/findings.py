@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
-from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.in_turn import InTurn
+from pouring_robot.diagnosis.gap import Gap, InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State

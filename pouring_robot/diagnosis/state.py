@@ -151,21 +151,18 @@ class Diagnoser:
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
         step = least_squares(linear.frame_columns, left)
-        share = 1.0
-        for _ in range(_HALVINGS):
+        for halved in range(_HALVINGS):
+            share = 0.5**halved
             values = from_here + share * (wanted - from_here)
             try:
                 new = self._state(parameters, values, state.frames.moved(share * step))
             except DiagnosisError:
-                share *= 0.5
                 continue
             gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
-            if off @ off > _TRUST * (gone @ gone) + len(off):
-                share *= 0.5
-                continue
-            return new, float(np.sqrt((off**2).mean()))
+            if off @ off <= _TRUST * (gone @ gone) + len(off):
+                return new, float(np.sqrt((off**2).mean()))
         return state, 0.0
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:

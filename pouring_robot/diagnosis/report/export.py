@@ -93,7 +93,7 @@ Metrics = dict[str, Any]
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``, which says where the amended model file is."""
-    judgement = diagnosis.judgement
+    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
@@ -128,7 +128,13 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),
-        "thresholds": _thresholds(diagnosis),
+        "thresholds": {
+            "false_names": asked.false_names,
+            "least_evidence_nats": asked.least_evidence,
+            "by_chance_nats": asked.by_chance,  # what chance alone makes of an effect in this campaign
+            "draws": CHANCE_DRAWS,
+            "seed": CHANCE_SEED,
+        },
         "rows": {
             "all": len(diagnosis.campaign),
             "fitted": int(diagnosis.fitted.sum()),
@@ -136,7 +142,10 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             "left_out_lines": [int(diagnosis.campaign.lines[row]) for row in diagnosis.outliers],
         },
         "held_out_block": diagnosis.held_out_name,
-        "frames": _frames(diagnosis),
+        "frames": {
+            "tracker_to_fixed_platform": pose_figures(frames.T_tracker_base),
+            "platform_to_target": pose_figures(frames.T_end_target),
+        },
         "next": next_lines(diagnosis),
         "notes": note_lines(diagnosis),
     }
@@ -164,24 +173,4 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
         "log_evidence_nats": cause.evidence,
         "size_in_noise": cause.size,
         "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,
-    }
-
-
-def _thresholds(diagnosis: Conclusions) -> Metrics:
-    """Return what an effect must be worth, and what chance alone makes of it in this campaign."""
-    asked = diagnosis.diagnoser.thresholds
-    return {
-        "false_names": asked.false_names,
-        "least_evidence_nats": asked.least_evidence,
-        "by_chance_nats": asked.by_chance,
-        "draws": CHANCE_DRAWS,
-        "seed": CHANCE_SEED,
-    }
-
-
-def _frames(diagnosis: Conclusions) -> Metrics:
-    frames = diagnosis.after.frames
-    return {
-        "tracker_to_fixed_platform": pose_figures(frames.T_tracker_base),
-        "platform_to_target": pose_figures(frames.T_end_target),
     }

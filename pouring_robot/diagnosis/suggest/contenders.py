@@ -13,7 +13,6 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
 
 MOST_RIVALS = 3
 NOTHING = "nothing"
@@ -89,7 +88,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
     named = [(structure.process.name, best) for structure in judgement.structures]
-    for cause, challenge in zip(judgement.causes, judgement.challenges, strict=False):
+    for cause, challenge in judgement.challenged:
         if challenge.margin > 0.0:
             named.append((challenge.process, _less(best, cause)))
     found: dict[str, Contender] = {}
@@ -115,10 +114,3 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
         seen[item.effect] = (worth, item)
     least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
     return [Contender.of(item.effect, best.beside(item, Scale(1.0))) for _, item in least]
-
-
-def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
-    """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    groups = zip(hypothesis.fitted, hypothesis.weights(), strict=True)
-    scaled = [prospect.new_columns(own) * weights for own, weights in groups]
-    return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])

@@ -11,7 +11,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names, condition_columns
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
-from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
+from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import facts_of, held_still
@@ -193,8 +193,11 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
 
 def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
     """Return what a contender, fitted to the campaign, predicts of the candidates."""
-    mean, covariance = contender.hypothesis.coefficients()
-    columns = scaled_columns(contender.hypothesis, prospect)
+    hypothesis = contender.hypothesis
+    mean, covariance = hypothesis.coefficients()
+    groups = zip(hypothesis.fitted, hypothesis.weights(), strict=True)
+    scaled = [prospect.new_columns(own) * weights for own, weights in groups]
+    columns = np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])
     spread = columns @ covariance @ columns.T + prospect.frames @ prospect.frames.T
     return Prediction(columns @ mean, spread + np.eye(len(columns)))
 

@@ -1,9 +1,5 @@
 """Where model and measurement disagree: by component, region and condition, in figures and in plain sentences.
 
-    where = disagreements(diagnosis.free_residuals, rows.conditions)   # the given model, only the two frames fitted
-    where.sentences                                 # most important first
-    where.as_json()                                 # "where" of diagnosis.json
-
 Everything that is called significant has passed Holm's correction over all tests made, or a Bayes factor that stands
 for as much, at the level given: with noise alone nothing is found with that probability. Sizes are in the base's axes.
 """
