@@ -54,21 +54,12 @@ class Conclusions(Findings):
         return tuple(discrepancies(self))
 
     @cached_property
-    def _suggested(self) -> tuple[Suggestion, str]:
-        try:
-            return suggest_measurements(self, self.next_count), ""
-        except PouringRobotError as problem:
-            return Suggestion((), (), 0.0), f"no measurements could be suggested: {problem}"
-
-    @property
     def suggestion(self) -> Suggestion:
-        """What to measure next; nothing where :attr:`unsuggested` says why: the diagnosis stands without."""
-        return self._suggested[0]
-
-    @property
-    def unsuggested(self) -> str:
-        """Why there is no suggestion; "" where there is."""
-        return self._suggested[1]
+        """What to measure next; where there is nothing it says why: the diagnosis stands without."""
+        try:
+            return suggest_measurements(self, self.next_count)
+        except PouringRobotError as problem:
+            return Suggestion((), (), 0.0, failed=f"no measurements could be suggested: {problem}")
 
     @cached_property
     def _amended(self) -> tuple[RobotModel, str]:
@@ -95,12 +86,6 @@ class Conclusions(Findings):
         found = {"held_out": self.held_out, "train": self.train}
         kept = {name: gap for name, gap in found.items() if gap is not None}
         return {name: replace(gap, after=gap.before) for name, gap in kept.items()} if self.refused else kept
-
-    @property
-    def shown_gap(self) -> tuple[str, Gap]:
-        """The gap that counts, with the name of its rows: held-out rows where there are any."""
-        gaps = self.gaps
-        return ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
 
     @property
     def worse(self) -> bool:

@@ -127,7 +127,8 @@ def diagnose(
     work = _Work(campaign, model, effects, options, progress)
     found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):
-        more = found.wrong_rows()
+        row = found.after.fitted_rows.row
+        more = gross_errors(found.hypothesis.remainder, row, found.fitted, found.outliers.size)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)
@@ -151,11 +152,6 @@ class _Searched:
     diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
-
-    def wrong_rows(self) -> NDArray[np.intp]:
-        """Return fitted rows that are gross errors."""
-        row = self.after.fitted_rows.row
-        return gross_errors(self.hypothesis.remainder, row, self.fitted, self.outliers.size)
 
 
 @dataclass(frozen=True)

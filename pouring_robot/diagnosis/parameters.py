@@ -1,16 +1,15 @@
 """Parameters of the named effects: values, standard deviations, and what becomes of them in a model file."""
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.inference.decision import Cause, Judgement
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
 
 FormsByKey = Mapping[tuple[str, str], Form]
 
@@ -22,6 +21,10 @@ class FoundParameter:
     parameter: EffectParameter  # what it changes
     value: float  # in its unit
     std: float  # standard deviation, in its unit
+
+
+FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
+"""Parameters by effect and form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,44 +57,28 @@ class NamedEffect:
         return out
 
 
-def found_parameters(
-    hypothesis: Hypothesis, workmanship: Mapping[str, Form], forms: FormsByKey
-) -> list[tuple[str, tuple[FoundParameter, ...]]]:
-    """Return every group of a hypothesis that has parameters: workmanship by effect, then items as effect/form.
-
-    Workmanship has a form for each kind, in the order of the hypothesis's levels; other forms go by key of the items.
-    """
+def found_parameters(hypothesis: Hypothesis, forms: FormsByKey) -> FoundByKey:
+    """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
     mean, covariance = hypothesis.coefficients()
-    fitted = zip(mean.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-
-    def of(form: Form, weights: FloatArray) -> tuple[FoundParameter, ...]:
-        values = itertools.islice(fitted, len(form.parameters))
-        units = [weight * p.prior_std for weight, p in zip(weights.tolist(), form.parameters, strict=True)]
-        each = zip(form.parameters, units, values, strict=True)
-        return tuple(FoundParameter(p, unit * value, unit * std) for p, unit, (value, std) in each)
-
-    weights = iter(hypothesis.weights())
-    levels = zip(workmanship.items(), hypothesis.levels, strict=True)
-    found = [(effect, of(form, next(weights))) for (effect, form), level in levels if level]
-    for item, own in zip(hypothesis.items, weights, strict=True):
-        if item.key in forms:
-            found.append(("/".join(item.key), of(forms[item.key], own)))
-        else:  # it has coefficients, but no parameters of the robot
-            list(itertools.islice(fitted, len(own)))
+    std, first, found = np.sqrt(np.diag(covariance)), 0, []
+    for group, weights in zip(hypothesis.fitted, hypothesis.weights(), strict=True):
+        own = slice(first, first := first + len(weights))
+        if group.key in forms:
+            parameters = forms[group.key].parameters
+            units = weights * np.array([p.prior_std for p in parameters])
+            values = zip(parameters, (units * mean[own]).tolist(), (units * std[own]).tolist(), strict=True)
+            found.append((group.key, tuple(FoundParameter(*each) for each in values)))
     return found
 
 
 def named_effects(
-    hypothesis: Hypothesis,
-    judgement: Judgement,
-    effects: Mapping[str, Effect],
-    found: Sequence[tuple[str, tuple[FoundParameter, ...]]],
+    hypothesis: Hypothesis, judgement: Judgement, effects: Mapping[str, Effect], found: FoundByKey
 ) -> tuple[NamedEffect, ...]:
     """Return the causes of a judgement with their parameters, which :func:`found_parameters` gave."""
     known = dict(found)
     named = []
     for cause in judgement.causes:
-        keys = ["/".join(hypothesis.items[k].key) for k in cause.indices] or [cause.effect]
+        keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
         parameters = tuple(found for key in keys for found in known[key])
         named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
     return tuple(named)

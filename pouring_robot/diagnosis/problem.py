@@ -47,6 +47,11 @@ class Library:
         return cls(effects, forms, {name: Form(WORKMANSHIP_FORM, found) for name, found in kinds.items() if found})
 
     @property
+    def every_form(self) -> dict[tuple[str, str], Form]:
+        """Workmanship and forms of effects, by effect and form."""
+        return {(effect, form.name): form for effect, form in self.workmanship.items()} | dict(self.forms)
+
+    @property
     def tried(self) -> frozenset[str]:
         """Ids of the effects of which there is a form."""
         return frozenset(effect for effect, _ in self.forms)

@@ -64,15 +64,9 @@ class Places:
         axes: FloatArray,
         drives: FloatArray,
     ) -> Places:
-        """Return them from m equations.
+        """Return them from m equations, each with its row, component and noise, (m,) each, in m or rad.
 
-        Args:
-            given: the conditions of the n rows.
-            row: of each equation, (m,).
-            component: of each equation, (m,).
-            sigma: noise of each equation, (m,), in m or rad.
-            axes: axes of the base in the tracker's frame, (3, 3).
-            drives: whitened derivative by the drives, (m, D).
+        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` whitened derivatives by them, (m, D).
         """
         sums, seen = sums_of(row, len(given)), []
         for k in shown(component):

@@ -134,12 +134,7 @@ class LinearRows(WhitenedRows):
 
 
 class CampaignRows:
-    """The rows of a campaign that can be used, against one robot.
-
-    Args:
-        campaign: only rows that are usable and sound.
-        model: the robot; its errors count, effects come on top.
-        noise: of the measurements.
+    """The rows of a campaign, all usable and sound, against one robot: its errors count, effects come on top.
 
     Raises:
         FrameFitError: too few rows.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
+from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
 from pouring_robot.effects.base import EffectParameter
@@ -98,10 +98,8 @@ class Diagnoser:
     def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
 
-        Args:
-            start: what was found in other rows of the same campaign, or with other noise; by default nothing.
-
-        The hypothesis is of the problem of the state returned with it.
+        It starts with nothing, or with what was found in other rows of the same campaign, or with other noise. The
+        hypothesis is of the problem of the state returned with it.
         """
         return self.settled(*self._searched(start))
 
@@ -133,9 +131,9 @@ class Diagnoser:
                 break
         return state, hypothesis
 
-    def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
+    def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters, with their values."""
-        return found_parameters(hypothesis, self.library.workmanship, self.library.forms)
+        return found_parameters(hypothesis, self.library.every_form)
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""

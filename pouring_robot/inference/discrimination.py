@@ -90,13 +90,9 @@ def total(gains: FloatArray) -> FloatArray:
 
 
 def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, count: int) -> Choice:
-    """Choose measurements one by one; none is chosen twice.
+    """Choose so many of n possible measurements, of k components each, one by one; none is chosen twice.
 
-    Args:
-        predictions: one an explanation, of the same n possible measurements.
-        pairs: which explanations are to be told apart.
-        components: k of a measurement.
-        count: how many to choose, at most n.
+    Each explanation has a prediction of all n; pairs are explanations that are to be told apart.
     """
     both_ways = [way for a, b in pairs for way in ((a, b), (b, a))]
     directions = [_Direction(predictions[right], predictions[other], components) for right, other in both_ways]

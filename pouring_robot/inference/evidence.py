@@ -87,16 +87,12 @@ class Gram:
 
 
 class Beside:
-    """The same beside more groups of columns, each with its weights: a Schur complement.
+    """The same beside more groups of columns: a Schur complement.
 
-    Args:
-        gram: of all columns.
-        places: which columns are in the groups, (k,), kept as :attr:`places`.
-        weights: standard deviation of the coefficient of each, (k,).
+    Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
     """
 
     def __init__(self, gram: Gram, places: Places, weights: FloatArray) -> None:
-        """Decompose."""
         self._gram, self.places, self._weights = gram, places, weights
         inner = weights[:, None] * gram.columns[places[:, None], places] * weights
         inner.flat[:: len(places) + 1] += 1.0

@@ -54,11 +54,8 @@ class SeenState:
         """See the rows of a campaign with changes put into the robot."""
         seen = rows.predicted(changes, frames)
         turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)
-        both = [
-            _inside(frames, rotation, position)
-            for rotation, position in ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
-        ]
-        return cls(name, *both)
+        poses = ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
+        return cls(name, *(_inside(frames, *pose) for pose in poses))
 
     def gaps_m(self, tool: FloatArray) -> FloatArray:
         """Return how far the robot's working frame is from where it was measured, (n, 3), in the base's axes."""
@@ -164,8 +161,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     measured = world @ shown[rows]
     gaps = {state.name: state.gaps_m(tool) for state in states}
     sizes = {name: np.linalg.norm(gap, axis=1) for name, gap in gaps.items()}
-    body = (measured[:, None], _MEASURED_TINT)
-    robots = [SceneRobot("measured", ladle, body[0], tint=body[1])]
+    robots = [SceneRobot("measured", ladle, measured[:, None], tint=_MEASURED_TINT)]
     arrows = []
     everywhere = np.flatnonzero(np.isfinite(_everywhere(states)))
     everywhere = everywhere[:: max(-(-everywhere.size // _MOST_ARROWS), 1)]  # as many as a picture can bear

@@ -144,13 +144,9 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     for kind in causes_of(campaign.robot).thermometers:
         made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
-    recorded = approach if _recorded(campaign.approach) else None
+    sides = campaign.approach  # they are recorded where no column of them is empty
+    recorded = None if sides is None or not np.isfinite(sides).any(axis=0).all() else approach
     return Candidates(tuple(EndPose(*pose) for pose in poses), drives, hot, later, recorded, kept)
-
-
-def _recorded(values: FloatArray | None) -> bool:
-    """Return whether a campaign says a condition: no column of it is empty."""
-    return values is not None and bool(np.isfinite(values.reshape(len(values), -1)).any(axis=0).all())
 
 
 def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray[np.bool_]) -> FloatArray:

@@ -99,6 +99,7 @@ class Suggestion:
     random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
     advice: tuple[str, ...] = ()  # what else would help, one line each
     seed: int = 0  # of the candidates and the random choices
+    failed: str = ""  # why there is nothing; "" where that is no failure
 
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""

@@ -13,7 +13,7 @@ from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import rms
 
 _MOST, _NOISE_ROUNDS = 12, 3
 _MONOTONE = 0.8
@@ -85,7 +85,8 @@ def _opening(main: Summand, given: Conditions) -> str:
         return _OPENINGS[by]
     if by.startswith("own "):
         return f"Repeats along its {by} in {main.length}"
-    label, values = _axis(by, given)
+    axes = (facts.axis(given) for facts in known_facts(given.robot).values() if facts.word == by)
+    label, values = next(axes, ("", None))
     if values is None or np.ptp(values) == 0.0:
         return f"Depends on the {by}"
     low, high = np.quantile(values, [0.025, 0.975])
@@ -100,14 +101,6 @@ _OPENINGS = {
     SIDE: "Depends on the side of approach",
     "session": "Differs between sessions",
 }
-
-
-def _axis(by: str, given: Conditions) -> tuple[str, FloatArray | None]:
-    """Return label and values of a condition that is one number a row, by its name in sentences."""
-    for facts in known_facts(given.robot).values():
-        if facts.word == by:
-            return facts.axis(given)
-    return "", None
 
 
 def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: float, turning: bool) -> str:

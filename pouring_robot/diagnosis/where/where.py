@@ -50,12 +50,8 @@ class Where:
 def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.01) -> Where:
     """Return where model and measurement disagree.
 
-    Half of ``alpha`` goes to lack of fit, components, repeats and regions, half to dependence on conditions.
-
-    Args:
-        data: m whitened residuals of n rows; the model with only the two frames fitted.
-        conditions: of the n rows.
-        alpha: probability of any finding by noise alone.
+    Of the probability ``alpha`` of any finding by noise alone half goes to lack of fit, components, repeats and
+    regions, half to dependence on conditions.
 
     Raises:
         BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
