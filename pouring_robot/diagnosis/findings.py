@@ -67,12 +67,9 @@ class Findings:
     @property
     def spare(self) -> dict[str, float]:
         """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
-        shown = {
-            e
-            for e in self.hypothesis.rivals
-            if any(i.effect == e and i.columns.any() for i in self.hypothesis.problem.explanations)
-        }
-        return {effect: worth.evidence for effect, (worth, _) in self.hypothesis.best_forms(shown).items()}
+        shown = {item.effect for item in self.hypothesis.problem.explanations if item.columns.any()}
+        best = self.hypothesis.best_forms(self.hypothesis.rivals & shown)
+        return {effect: worth.evidence for effect, (worth, _) in best.items()}
 
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
         """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""

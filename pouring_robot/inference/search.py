@@ -144,18 +144,16 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
 def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
     for _ in range(3):
-        changed = False
+        before = hypothesis
         for index in range(len(hypothesis.items)):
-            other = _exchanged(hypothesis, index, options)
-            if other is not None:
-                hypothesis, changed = other, True
-        if not changed:
+            hypothesis = _exchanged(hypothesis, index, options)
+        if hypothesis is before:
             break
     return hypothesis
 
 
-def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis | None:
-    """Return the hypothesis with another explanation in the place of one, if there is a better one.
+def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis:
+    """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
 
     Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
@@ -175,7 +173,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         tried.add(item.effect)
         if len(tried) == options.branches:
             break
-    return None
+    return hypothesis
 
 
 def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
