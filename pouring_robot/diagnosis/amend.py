@@ -14,7 +14,6 @@ from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -55,11 +54,9 @@ def amended(diagnosis: Findings) -> RobotModel:
 
 
 def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
-    """Return whether a parameter changes only joints and drives, alike in every row.
+    """Return whether a parameter, of an effect without conditions, changes only joints and drives, alike in every row.
 
-    Args:
-        parameter: of an effect without conditions of its own.
-        inside: names of the local parameters of the mechanism; the fixed platform and the tracker are none.
+    These are what is inside the mechanism; the fixed platform and the tracker are not.
     """
     known = set(inside)
     return all(
@@ -83,14 +80,12 @@ def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
     for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
         left.setdefault(id(parameter), []).append(value)
     found = []
-    for name, parameters in diagnoser.parameters_of(diagnosis.hypothesis):
-        effect, _, form = name.partition("/")
+    for (effect, form), parameters in diagnoser.parameters_of(diagnosis.hypothesis):
         own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
-        found.append((effect, form or WORKMANSHIP_FORM, own))
-    library = diagnoser.library
-    forms = {(effect, WORKMANSHIP_FORM): form for effect, form in library.workmanship.items()} | dict(library.forms)
+        found.append((effect, form, own))
     # What is left belongs to the largest form that is there as a whole.
-    for (effect, name), whole in sorted(forms.items(), key=lambda item: -len(item[1].parameters)):
+    forms = diagnoser.library.every_form.items()
+    for (effect, name), whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
         if all(left.get(id(p)) for p in whole.parameters):
             found.append((effect, name, [(p, left[id(p)].pop(0), p.prior_std) for p in whole.parameters]))
     return found

@@ -1,6 +1,7 @@
 """What follows from the findings: where the gap is, what is left, the amended model, the next measurements."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -53,21 +54,12 @@ class Conclusions(Findings):
         return tuple(discrepancies(self))
 
     @cached_property
-    def _suggested(self) -> tuple[Suggestion, str]:
-        try:
-            return suggest_measurements(self, self.next_count), ""
-        except PouringRobotError as problem:
-            return Suggestion((), (), 0.0), f"no measurements could be suggested: {problem}"
-
-    @property
     def suggestion(self) -> Suggestion:
-        """What to measure next; nothing where :attr:`unsuggested` says why: the diagnosis stands without."""
-        return self._suggested[0]
-
-    @property
-    def unsuggested(self) -> str:
-        """Why there is no suggestion; "" where there is."""
-        return self._suggested[1]
+        """What to measure next; where there is nothing it says why: the diagnosis stands without."""
+        try:
+            return suggest_measurements(self, self.next_count)
+        except PouringRobotError as problem:
+            return Suggestion((), (), 0.0, failed=f"no measurements could be suggested: {problem}")
 
     @cached_property
     def _amended(self) -> tuple[RobotModel, str]:
@@ -93,15 +85,7 @@ class Conclusions(Findings):
         """The gap by kind of rows; of a model that was not amended nothing changes."""
         found = {"held_out": self.held_out, "train": self.train}
         kept = {name: gap for name, gap in found.items() if gap is not None}
-        if not self.refused:
-            return kept
-        return {name: Gap(gap.rows, gap.before, gap.before, gap.floor) for name, gap in kept.items()}
-
-    @property
-    def shown_gap(self) -> tuple[str, Gap]:
-        """The gap that counts, with the name of its rows: held-out rows where there are any."""
-        gaps = self.gaps
-        return ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
+        return {name: replace(gap, after=gap.before) for name, gap in kept.items()} if self.refused else kept
 
     @property
     def worse(self) -> bool:

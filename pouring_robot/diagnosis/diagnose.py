@@ -14,8 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
+from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import processes_of
@@ -34,9 +33,9 @@ from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
+from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -55,27 +54,15 @@ _OUTLIER_ROUNDS = 3
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to diagnose.
+    """How to diagnose; a BadInputError where the rate of false names is no share."""
 
-    Attributes:
-        exclude: ids of effects that are not to be named.
-        hold_out: kind of block that takes no part.
-        false_names: rate of false names that is accepted where nothing is missing; every threshold of the evidence
-            follows from it.
-        next_count: how many measurements to suggest.
-    """
-
-    exclude: tuple[str, ...] = ()
-    hold_out: HoldOut = "auto"
+    exclude: tuple[str, ...] = ()  # ids of effects that are not to be named
+    hold_out: HoldOut = "auto"  # kind of block that takes no part
+    # rate of false names that is accepted where nothing is missing; every threshold of the evidence follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
-    next_count: int = 10
+    next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
-        """Check the rate.
-
-        Raises:
-            BadInputError: it is no rate.
-        """
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
 
@@ -140,7 +127,8 @@ def diagnose(
     work = _Work(campaign, model, effects, options, progress)
     found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):
-        more = found.wrong_rows()
+        row = found.after.fitted_rows.row
+        more = gross_errors(found.hypothesis.remainder, row, found.fitted, found.outliers.size)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)
@@ -164,11 +152,6 @@ class _Searched:
     diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
-
-    def wrong_rows(self) -> NDArray[np.intp]:
-        """Return fitted rows that are gross errors."""
-        row = self.after.fitted_rows.row
-        return gross_errors(self.hypothesis.remainder, row, self.fitted, self.outliers.size)
 
 
 @dataclass(frozen=True)

@@ -20,21 +20,14 @@ _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """Structure that the best known effects leave.
+    """Structure that the best known effects leave."""
 
-    Attributes:
-        structure: as the search found it.
-        component: in which component it is largest.
-        rms: of its part there, in m or rad.
-        step_after: the line of the file after which it jumps, in order of time; None where it is no step.
-        step: by how much it jumps there, in m or rad.
-    """
-
-    structure: Summand
-    component: str
-    rms: float
+    structure: Summand  # as the search found it
+    component: str  # in which component it is largest
+    rms: float  # of its part there, in m or rad
+    # the line of the file after which it jumps, in order of time; None where it is no step
     step_after: int | None = None
-    step: float = math.nan
+    step: float = math.nan  # by how much it jumps there, in m or rad
 
     @property
     def _in_unit(self) -> tuple[float, str]:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
-from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.in_turn import InTurn
+from pouring_robot.diagnosis.gap import Gap, InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
@@ -22,58 +21,33 @@ from pouring_robot.robot.model import RobotModel
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Findings:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        campaign: all rows of the file.
-        model: the given model.
-        rows: the inliers against it.
-        inliers: index in the campaign of each of them, (n,).
-        outliers: rows left out as gross errors, by index in the campaign.
-        flags: what the checks found in the data.
-        noise: of the measurements.
-        fitted: which inliers were fitted, (n,); the others are held out.
-        held_out_name: which block is held out, in words; empty where there are too few rows to hold any out.
-        diagnoser: the search.
-        before: the given model, only its frames fitted.
-        after: the amended model.
-        free_residuals: of the given model, only its frames fitted, of all inliers.
-        hypothesis: what explains best.
-        judgement: what may be said of it.
-        misfit: why the answer is unknown whatever explains best: what is left is too large for noise, or what was found
-            is no credible robot; "" where neither is.
-        effects: the named effects with their parameters.
-        untestable: effects that the campaign cannot test, with the conditions it lacks.
-        train: gap of the fitted rows.
-        held_out: gap of the held-out rows; None where there are none.
-        in_turn: gap of every block held out in turn, where the rows held out are few; else None.
-        notes: what limits the answer, one line each.
-        next_count: how many measurements to suggest.
-    """
-
-    campaign: Campaign
-    model: RobotModel
-    rows: CampaignRows
-    inliers: NDArray[np.intp]
-    outliers: NDArray[np.intp]
-    flags: tuple[DataFlag, ...]
-    noise: NoiseLevel
-    fitted: NDArray[np.bool_]
-    held_out_name: str
-    diagnoser: Diagnoser
-    before: State
-    after: State
-    free_residuals: FreeResiduals
-    hypothesis: Hypothesis
-    judgement: Judgement
+    campaign: Campaign  # all rows of the file
+    model: RobotModel  # the given model
+    rows: CampaignRows  # the inliers against it
+    inliers: NDArray[np.intp]  # index in the campaign of each of them, (n,)
+    outliers: NDArray[np.intp]  # rows left out as gross errors, by index in the campaign
+    flags: tuple[DataFlag, ...]  # what the checks found in the data
+    noise: NoiseLevel  # of the measurements
+    fitted: NDArray[np.bool_]  # which inliers were fitted, (n,); the others are held out
+    held_out_name: str  # which block is held out, in words; empty where there are too few rows to hold any out
+    diagnoser: Diagnoser  # the search
+    before: State  # the given model, only its frames fitted
+    after: State  # the amended model
+    free_residuals: FreeResiduals  # of the given model, only its frames fitted, of all inliers
+    hypothesis: Hypothesis  # what explains best
+    judgement: Judgement  # what may be said of it
+    # why the answer is unknown whatever explains best: what is left is too large for noise, or what was found is no
+    # credible robot; "" where neither is
     misfit: str
-    effects: tuple[NamedEffect, ...]
-    untestable: dict[str, tuple[str, ...]]
-    train: Gap
-    held_out: Gap | None
-    in_turn: InTurn | None
-    notes: tuple[str, ...]
-    next_count: int
+    effects: tuple[NamedEffect, ...]  # the named effects with their parameters
+    untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks
+    train: Gap  # gap of the fitted rows
+    held_out: Gap | None  # gap of the held-out rows; None where there are none
+    in_turn: InTurn | None  # gap of every block held out in turn, where the rows held out are few; else None
+    notes: tuple[str, ...]  # what limits the answer, one line each
+    next_count: int  # how many measurements to suggest
 
     @property
     def verdict(self) -> Verdict:
@@ -93,12 +67,9 @@ class Findings:
     @property
     def spare(self) -> dict[str, float]:
         """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
-        shown = {
-            e
-            for e in self.hypothesis.rivals
-            if any(i.effect == e and i.columns.any() for i in self.hypothesis.problem.explanations)
-        }
-        return {effect: worth.evidence for effect, (worth, _) in self.hypothesis.best_forms(shown).items()}
+        shown = {item.effect for item in self.hypothesis.problem.explanations if item.columns.any()}
+        best = self.hypothesis.best_forms(self.hypothesis.rivals & shown)
+        return {effect: worth.evidence for effect, (worth, _) in best.items()}
 
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
         """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""

@@ -1,48 +1,39 @@
 """Parameters of the named effects: values, standard deviations, and what becomes of them in a model file."""
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.inference.decision import Cause, Judgement
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
 
 FormsByKey = Mapping[tuple[str, str], Form]
 
 
 @dataclass(frozen=True, eq=False)
 class FoundParameter:
-    """One parameter with its value.
+    """One parameter with its value."""
 
-    Attributes:
-        parameter: what it changes.
-        value: in its unit.
-        std: standard deviation, in its unit.
-    """
+    parameter: EffectParameter  # what it changes
+    value: float  # in its unit
+    std: float  # standard deviation, in its unit
 
-    parameter: EffectParameter
-    value: float
-    std: float
+
+FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
+"""Parameters by effect and form."""
 
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """A named effect with its parameters.
+    """A named effect with its parameters."""
 
-    Attributes:
-        cause: what may be said of it.
-        story: one line for people.
-        parameters: main ones first.
-    """
-
-    cause: Cause
-    story: str
-    parameters: tuple[FoundParameter, ...]
+    cause: Cause  # what may be said of it
+    story: str  # one line for people
+    parameters: tuple[FoundParameter, ...]  # main ones first
 
     def by_name(self, forms: FormsByKey) -> list[tuple[str, FoundParameter]]:
         """Return the parameters by name; where it takes two forms with a parameter each, the form is added.
@@ -66,47 +57,28 @@ class NamedEffect:
         return out
 
 
-def found_parameters(
-    hypothesis: Hypothesis, workmanship: Mapping[str, Form], forms: FormsByKey
-) -> list[tuple[str, tuple[FoundParameter, ...]]]:
-    """Return every group of a hypothesis that has parameters: workmanship by effect, then items as effect/form.
-
-    Args:
-        hypothesis: what was found.
-        workmanship: form of each kind of workmanship, in the order of the hypothesis's levels.
-        forms: by key of the hypothesis's items.
-    """
+def found_parameters(hypothesis: Hypothesis, forms: FormsByKey) -> FoundByKey:
+    """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
     mean, covariance = hypothesis.coefficients()
-    fitted = zip(mean.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-
-    def of(form: Form, weights: FloatArray) -> tuple[FoundParameter, ...]:
-        values = itertools.islice(fitted, len(form.parameters))
-        units = [weight * p.prior_std for weight, p in zip(weights.tolist(), form.parameters, strict=True)]
-        each = zip(form.parameters, units, values, strict=True)
-        return tuple(FoundParameter(p, unit * value, unit * std) for p, unit, (value, std) in each)
-
-    weights = iter(hypothesis.weights())
-    levels = zip(workmanship.items(), hypothesis.levels, strict=True)
-    found = [(effect, of(form, next(weights))) for (effect, form), level in levels if level]
-    for item, own in zip(hypothesis.items, weights, strict=True):
-        if item.key in forms:
-            found.append(("/".join(item.key), of(forms[item.key], own)))
-        else:  # it has coefficients, but no parameters of the robot
-            list(itertools.islice(fitted, len(own)))
+    std, first, found = np.sqrt(np.diag(covariance)), 0, []
+    for group, weights in zip(hypothesis.fitted, hypothesis.weights(), strict=True):
+        own = slice(first, first := first + len(weights))
+        if group.key in forms:
+            parameters = forms[group.key].parameters
+            units = weights * np.array([p.prior_std for p in parameters])
+            values = zip(parameters, (units * mean[own]).tolist(), (units * std[own]).tolist(), strict=True)
+            found.append((group.key, tuple(FoundParameter(*each) for each in values)))
     return found
 
 
 def named_effects(
-    hypothesis: Hypothesis,
-    judgement: Judgement,
-    effects: Mapping[str, Effect],
-    found: Sequence[tuple[str, tuple[FoundParameter, ...]]],
+    hypothesis: Hypothesis, judgement: Judgement, effects: Mapping[str, Effect], found: FoundByKey
 ) -> tuple[NamedEffect, ...]:
     """Return the causes of a judgement with their parameters, which :func:`found_parameters` gave."""
     known = dict(found)
     named = []
     for cause in judgement.causes:
-        keys = ["/".join(hypothesis.items[k].key) for k in cause.indices] or [cause.effect]
+        keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
         parameters = tuple(found for key in keys for found in known[key])
         named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
     return tuple(named)

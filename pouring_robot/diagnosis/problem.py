@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Problem, Workmanship
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
 SAG = "background_sag"
@@ -21,29 +21,19 @@ _SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """What a campaign can be searched for.
+    """What a campaign can be searched for."""
 
-    Attributes:
-        effects: all there are, by id.
-        forms: of the effects that may be named and that the campaign can test, by effect and form.
-        workmanship: its kinds, by the effect that each is called when it is all there is.
-    """
-
-    effects: Mapping[str, Effect]
+    effects: Mapping[str, Effect]  # all there are, by id
+    # of the effects that may be named and that the campaign can test, by effect and form
     forms: Mapping[tuple[str, str], Form]
-    workmanship: Mapping[str, Form]
+    workmanship: Mapping[str, Form]  # its kinds, by the effect that each is called when it is all there is
 
     @classmethod
     def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:
-        """Return the library for a campaign.
-
-        Args:
-            rows: the campaign.
-            chosen: effects that may be named, by id.
+        """Return the library for a campaign, of effects that may be named, by id.
 
         Raises:
-            BadInputError: an effect that a package offers does not do as :class:`~pouring_robot.effects.base.Effect`
-                says.
+            BadInputError: an effect of a package does not do as :class:`~pouring_robot.effects.base.Effect` says.
         """
         given, channels = rows.conditions, rows.channels
         forms = {
@@ -57,23 +47,14 @@ class Library:
         return cls(effects, forms, {name: Form(WORKMANSHIP_FORM, found) for name, found in kinds.items() if found})
 
     @property
+    def every_form(self) -> dict[tuple[str, str], Form]:
+        """Workmanship and forms of effects, by effect and form."""
+        return {(effect, form.name): form for effect, form in self.workmanship.items()} | dict(self.forms)
+
+    @property
     def tried(self) -> frozenset[str]:
         """Ids of the effects of which there is a form."""
         return frozenset(effect for effect, _ in self.forms)
-
-
-def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: FloatArray) -> Problem:
-    """Return the problem linearised at a state.
-
-    Args:
-        rows: the campaign.
-        linear: residuals and derivatives there.
-        library: what may explain them.
-        added: what the state's own changes add to the prediction to first order, (m,): it is given back, so that the
-            problem is to find them again.
-    """
-    workmanship, found = workmanship_of(rows, linear, library), known_effects(rows, linear, library)
-    return Problem.build(linear.residual + added, linear.free, workmanship, found)
 
 
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:

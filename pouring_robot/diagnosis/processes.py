@@ -7,11 +7,11 @@ varies with it, the data say.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
@@ -42,21 +42,17 @@ _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
 
 Lengths = dict[str, FloatArray]
 """Courses (n, k) by the length scale in words."""
+Inside = Callable[[str], Channel]
+"""Gives the channel of a single local parameter by its name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What can move in a campaign's rows.
+    """What can move in a campaign's rows."""
 
-    Attributes:
-        given: the conditions of the rows.
-        drives: a channel a drive.
-        seen: the components of the measured body, in the axes of the base.
-    """
-
-    given: Conditions
-    drives: tuple[Channel, ...]
-    seen: tuple[Channel, ...]
+    given: Conditions  # the conditions of the rows
+    drives: tuple[Channel, ...]  # a channel a drive
+    seen: tuple[Channel, ...]  # the components of the measured body, in the axes of the base
 
     @classmethod
     def of(
@@ -68,15 +64,9 @@ class Places:
         axes: FloatArray,
         drives: FloatArray,
     ) -> Places:
-        """Return them from m equations.
+        """Return them from m equations, each with its row, component and noise, (m,) each, in m or rad.
 
-        Args:
-            given: the conditions of the n rows.
-            row: of each equation, (m,).
-            component: of each equation, (m,).
-            sigma: noise of each equation, (m,), in m or rad.
-            axes: axes of the base in the tracker's frame, (3, 3).
-            drives: whitened derivative by the drives, (m, D).
+        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` whitened derivatives by them, (m, D).
         """
         sums, seen = sums_of(row, len(given)), []
         for k in shown(component):
@@ -96,16 +86,16 @@ def shown(component: NDArray[np.intp]) -> tuple[int, ...]:
 def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, chance: bool = True) -> Iterator[Process]:
     """Yield the processes that a campaign's conditions allow, and that its measurements can show at all.
 
-    Args:
-        rows: the campaign.
-        linear: residuals and derivatives at the present state.
-        axes: axes of the base in the tracker's frame, (3, 3).
-        chance: whether what differs from row to row by chance counts as something unknown. Where the noise is not
-            stated it is noise, of the robot if not of the device.
+    ``axes`` are those of the base in the tracker's frame, (3, 3); ``chance`` says whether what differs from row to row
+    by chance counts as something unknown. Where the noise is not stated it is noise, of the robot if not of the device.
     """
     given = rows.conditions
     places = Places.of(given, linear.row, linear.component, linear.tracker, axes, rows.drive_columns(linear))
-    inside = _Inside(rows, linear, places.seen[0].rows)
+
+    @functools.cache
+    def inside(name: str) -> Channel:
+        return Channel(name, rows.channel(name, linear), places.seen[0].rows)
+
     base = [inside(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
@@ -251,26 +241,13 @@ def _as_general(given: Conditions, drives: Sequence[Drive]) -> frozenset[str]:
     return frozenset(entry.id for entry in periodic if joints <= {*entry.options["drives"]})
 
 
-class _Inside:
-    """Channels of single local parameters."""
-
-    def __init__(self, rows: CampaignRows, linear: LinearRows, sums: scipy.sparse.csr_array) -> None:
-        self._rows, self._linear, self._sums = rows, linear, sums
-        self._made: dict[str, Channel] = {}
-
-    def __call__(self, name: str) -> Channel:
-        """Return the channel of one parameter."""
-        if name not in self._made:
-            self._made[name] = Channel(name, self._rows.channel(name, self._linear), self._sums)
-        return self._made[name]
-
-    def tilt(self, parameter: EffectParameter) -> Channel:
-        """Return the channel of a tilt of an axis by a rad."""
-        parts = [change[0] / MRAD * self(name).column for name, change in parameter.changes.items()]
-        return Channel(parameter.name, np.asarray(sum(parts)), self._sums, turning=True)
+def _tilt(inside: Inside, parameter: EffectParameter) -> Channel:
+    """Return the channel of a tilt of an axis by a rad."""
+    parts = [change[0] / MRAD * inside(name).column for name, change in parameter.changes.items()]
+    return Channel(parameter.name, np.asarray(sum(parts)), inside(next(iter(parameter.changes))).rows, turning=True)
 
 
-def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
+def _constant(inside: Inside, places: Places) -> Iterator[Process]:
     """Yield what stands off by a constant: drives, places of joints, axes."""
     given, one = places.given, {"": _USUAL * np.ones((len(places.given), 1))}
     yield _moved(DRIVES, CONSTANT, places.drives, one)
@@ -286,7 +263,7 @@ def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
     }
     for where, joints in groups.items():
         yield _moved(where, CONSTANT, [inside(name) for j in joints for name in centres[j]], one)
-    tilts = {joint: [inside.tilt(p) for p in found] for joint, found in axis_parameters(given).items()}
+    tilts = {joint: [_tilt(inside, p) for p in found] for joint, found in axis_parameters(given).items()}
     if tilts:
         yield _moved("joint axes", CONSTANT, [c for found in tilts.values() for c in found], one)
     for where, axes in placements.axis_groups.items():
@@ -296,7 +273,7 @@ def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
         yield _moved(placements.twist_words, CONSTANT, twists, one)
 
 
-def _joints(inside: _Inside, given: Conditions) -> Iterator[Process]:
+def _joints(inside: Inside, given: Conditions) -> Iterator[Process]:
     """Yield joints that stand elsewhere by time, load or temperature."""
     found = place_parameters(given)
     centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]

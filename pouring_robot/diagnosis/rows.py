@@ -57,19 +57,12 @@ def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class RowChanges:
-    """What is changed in each of n rows, in m and rad.
+    """What is changed in each of n rows, in m and rad."""
 
-    Attributes:
-        drives: added to the commanded drives, (n, D).
-        placements: displacement of every site, (n, sites * 6).
-        base: displacement of the base in its own axes, (n, 6).
-        scale: relative error of the measuring device's scale, (n,).
-    """
-
-    drives: FloatArray
-    placements: FloatArray
-    base: FloatArray
-    scale: FloatArray
+    drives: FloatArray  # added to the commanded drives, (n, D)
+    placements: FloatArray  # displacement of every site, (n, sites * 6)
+    base: FloatArray  # displacement of the base in its own axes, (n, 6)
+    scale: FloatArray  # relative error of the measuring device's scale, (n,)
 
     def __add__(self, other: RowChanges) -> RowChanges:
         """Return both changes together; to first order in the rotations at one joint."""
@@ -83,13 +76,9 @@ class RowChanges:
 
 @dataclass(frozen=True, eq=False)
 class SeenFrom(OuterFrames):
-    """The two frames, and where sessions that have frames of their own see the base beside them.
+    """The two frames, and where sessions that have frames of their own see the base beside them."""
 
-    Attributes:
-        sessions: displacement of the base for each session but the largest, (6 s,), in m and rad.
-    """
-
-    sessions: FloatArray
+    sessions: FloatArray  # displacement of the base for each session but the largest, (6 s,), in m and rad
 
     def moved(self, values: FloatArray) -> SeenFrom:
         """Return them displaced by the twelve unknowns, then six a session, (12 + 6 s,), in m and rad."""
@@ -99,19 +88,12 @@ class SeenFrom(OuterFrames):
 
 @dataclass(frozen=True, eq=False)
 class WhitenedRows:
-    """Residuals at one state.
+    """Residuals at one state."""
 
-    Attributes:
-        residual: measured minus predicted over the noise, shape (m,).
-        row: row of each equation, (m,).
-        component: component 0 to 5 of each equation, (m,).
-        tracker: sigma of each equation's component, (m,), in m or rad.
-    """
-
-    residual: FloatArray
-    row: NDArray[np.intp]
-    component: NDArray[np.intp]
-    tracker: FloatArray
+    residual: FloatArray  # measured minus predicted over the noise, shape (m,)
+    row: NDArray[np.intp]  # row of each equation, (m,)
+    component: NDArray[np.intp]  # component 0 to 5 of each equation, (m,)
+    tracker: FloatArray  # sigma of each equation's component, (m,), in m or rad
 
     def of(self, rows: NDArray[np.bool_]) -> Self:
         """Return the equations of some rows, by a mask (n,)."""
@@ -126,17 +108,12 @@ class WhitenedRows:
 
 @dataclass(frozen=True, eq=False)
 class LinearRows(WhitenedRows):
-    """Residuals and their derivatives at one state.
+    """Residuals and their derivatives at one state."""
 
-    Attributes:
-        jacobian: derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P).
-        scale: derivative of the prediction by the device's scale, (m,).
-        own: whether an equation is of a session with frames of its own, (m, s).
-    """
-
+    # derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P)
     jacobian: FloatArray
-    scale: FloatArray
-    own: NDArray[np.bool_]
+    scale: FloatArray  # derivative of the prediction by the device's scale, (m,)
+    own: NDArray[np.bool_]  # whether an equation is of a session with frames of its own, (m, s)
 
     @property
     def frame_columns(self) -> FloatArray:
@@ -157,16 +134,11 @@ class LinearRows(WhitenedRows):
 
 
 class CampaignRows:
-    """The rows of a campaign that can be used, against one robot.
-
-    Args:
-        campaign: only rows that are usable and sound.
-        model: the robot; its errors count, effects come on top.
-        noise: of the measurements.
+    """The rows of a campaign, all usable and sound, against one robot: its errors count, effects come on top.
 
     Raises:
         FrameFitError: too few rows.
-        DiagnosisError: no row closes.
+        DiagnosisError: a row does not close, here or with the changes that it is linearised with.
     """
 
     def __init__(self, campaign: Campaign, model: RobotModel, noise: NoiseLevel) -> None:
@@ -240,11 +212,9 @@ class CampaignRows:
         return RowChanges(np.zeros((n, drives)), np.zeros((n, placements)), np.zeros((n, 6)), np.zeros(n))
 
     def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
-        """Return the change that parameters of the given values make together.
+        """Return the change that effects' parameters make together under this campaign's conditions.
 
-        Args:
-            parameters: of effects under this campaign's conditions.
-            values: one a parameter, in its unit.
+        Values are one a parameter, in its unit.
         """
         total = self.unchanged()
         for name, change in local_changes(parameters, values.tolist()).items():
@@ -260,11 +230,7 @@ class CampaignRows:
         return total
 
     def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
-        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,).
-
-        Raises:
-            DiagnosisError: a row does not close.
-        """
+        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
@@ -275,11 +241,7 @@ class CampaignRows:
         return frames
 
     def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
-        """Close the loops with changes put in, and differentiate.
-
-        Raises:
-            DiagnosisError: with these changes a row does not close.
-        """
+        """Close the loops with changes put in, and differentiate."""
         total, model = self._given + changes, self.measurement
         total = replace(total, base=total.base + base_displacements(frames.sessions, self._session))
         seen = self._seen(total, frames)

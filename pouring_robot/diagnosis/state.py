@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
-from pouring_robot.diagnosis.problem import Library, problem_at
+from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
+from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.inference.chance import Chance, by_chance
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, search
+from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_chance, search
 from pouring_robot.mechanism.arrays import FloatArray
 
 _ROUNDS = 4
@@ -26,21 +25,13 @@ _TRUST = 0.25
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A robot with changes put in, and the rows as they look from there.
+    """A robot with changes put in, and the rows as they look from there."""
 
-    Attributes:
-        parameters: what is changed: effects' and workmanship's parameters.
-        values: one a parameter, in its unit.
-        frames: the two frames.
-        every_row: residuals there.
-        fitted: which rows are fitted, (n,).
-    """
-
-    parameters: tuple[EffectParameter, ...]
-    values: FloatArray
-    frames: SeenFrom
-    every_row: WhitenedRows
-    fitted: NDArray[np.bool_]
+    parameters: tuple[EffectParameter, ...]  # what is changed: effects' and workmanship's parameters
+    values: FloatArray  # one a parameter, in its unit
+    frames: SeenFrom  # the two frames
+    every_row: WhitenedRows  # residuals there
+    fitted: NDArray[np.bool_]  # which rows are fitted, (n,)
 
     @property
     def fitted_rows(self) -> WhitenedRows:
@@ -67,19 +58,12 @@ class LinearState(State):
 
 @dataclass(frozen=True, eq=False)
 class Diagnoser:
-    """Searches a campaign for effects, exactly: the robot is linearised again at every answer.
+    """Searches a campaign for effects, exactly: the robot is linearised again at every answer."""
 
-    Attributes:
-        rows: the campaign.
-        library: what may be found.
-        fitted: rows that may be fitted, (n,); the others play no part.
-        options: thresholds of the search.
-    """
-
-    rows: CampaignRows
-    library: Library
-    fitted: NDArray[np.bool_]
-    options: SearchOptions = DEFAULT_SEARCH
+    rows: CampaignRows  # the campaign
+    library: Library  # what may be found
+    fitted: NDArray[np.bool_]  # rows that may be fitted, (n,); the others play no part
+    options: SearchOptions = DEFAULT_SEARCH  # thresholds of the search
 
     @functools.cached_property
     def _frames_at_rest(self) -> SeenFrom:
@@ -90,34 +74,32 @@ class Diagnoser:
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
-    def chance(self) -> Chance:
-        """What the evidence of an effect is by chance, in this campaign."""
-        return self._chance_in(self.problem_at(self.at_rest()))
-
-    def _chance_in(self, problem: Problem) -> Chance:
-        return by_chance(Hypothesis.nothing(problem), self.options.false_names)
-
-    @functools.cached_property
     def thresholds(self) -> SearchOptions:
-        """Thresholds of the search that hold in this campaign, too."""
-        return replace(self.options, by_chance=self.chance.evidence)
+        """Thresholds of the search that hold in this campaign, too: what the evidence of an effect is by chance."""
+        return self._thresholds_in(self.problem_at(self.at_rest()))
+
+    def _thresholds_in(self, problem: Problem) -> SearchOptions:
+        return replace(self.options, by_chance=by_chance(Hypothesis.nothing(problem), self.options.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
         return LinearState(parameters, values, frames, every_row, self.fitted)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
-        """Return the search's problem at a state for the fitted rows, or with those held out among them."""
+        """Return the search's problem linearised at a state for the fitted rows, or with those held out among them.
+
+        What the state's own changes add to the prediction to first order is given back: they are to be found again.
+        """
         linear = state.every_row if of_every_row else state.linear
-        return problem_at(self.rows, linear, self.library, self._signature(state.parameters, state.values, linear))
+        residual = linear.residual + self._signature(state.parameters, state.values, linear)
+        workmanship = workmanship_of(self.rows, linear, self.library)
+        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
 
     def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
 
-        Args:
-            start: what was found in other rows of the same campaign, or with other noise; by default nothing.
-
-        The hypothesis is of the problem of the state returned with it.
+        It starts with nothing, or with what was found in other rows of the same campaign, or with other noise. The
+        hypothesis is of the problem of the state returned with it.
         """
         return self.settled(*self._searched(start))
 
@@ -133,8 +115,8 @@ class Diagnoser:
     def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
         state = self.at_rest()
         problem = self.problem_at(state)
-        if "chance" not in vars(self):  # worked out by itself it would linearise all rows once more
-            vars(self)["chance"] = self._chance_in(problem)
+        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
+            vars(self)["thresholds"] = self._thresholds_in(problem)
         thresholds = self.thresholds
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for turn in range(_ROUNDS):
@@ -149,9 +131,9 @@ class Diagnoser:
                 break
         return state, hypothesis
 
-    def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
+    def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters, with their values."""
-        return found_parameters(hypothesis, self.library.workmanship, self.library.forms)
+        return found_parameters(hypothesis, self.library.every_form)
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
@@ -167,21 +149,18 @@ class Diagnoser:
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
         step = least_squares(linear.frame_columns, left)
-        share = 1.0
-        for _ in range(_HALVINGS):
+        for halved in range(_HALVINGS):
+            share = 0.5**halved
             values = from_here + share * (wanted - from_here)
             try:
                 new = self._state(parameters, values, state.frames.moved(share * step))
             except DiagnosisError:
-                share *= 0.5
                 continue
             gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
-            if off @ off > _TRUST * (gone @ gone) + len(off):
-                share *= 0.5
-                continue
-            return new, float(np.sqrt((off**2).mean()))
+            if off @ off <= _TRUST * (gone @ gone) + len(off):
+                return new, float(np.sqrt((off**2).mean()))
         return state, 0.0
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:

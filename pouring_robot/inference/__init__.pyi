@@ -3,9 +3,9 @@ from .decision import Thresholds as Thresholds
 from .decision import judge as judge
 from .discrepancy import Discrepancy as Discrepancy
 from .explanations import Explanation as Explanation
+from .explanations import Nuisance as Nuisance
 from .explanations import Problem as Problem
 from .explanations import Workmanship as Workmanship
 from .hypotheses import Hypothesis as Hypothesis
-from .nuisance import Nuisance as Nuisance
 from .processes import Process as Process
 from .search import SearchOptions as SearchOptions

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import credible
 
 Verdict = Literal["no_gap", "named", "group", "unknown"]
@@ -20,26 +19,19 @@ Verdict = Literal["no_gap", "named", "group", "unknown"]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When something counts. What each limit is worth: docs/blind_trials.md, "What each choice is worth".
+    """When something counts. What each limit is worth: docs/blind_trials.md, "What each choice is worth"."""
 
-    Attributes:
-        false_names: rate of false answers that is accepted; docs/inference.md, "One number decides", derives from it.
-            What is one of n things that were tried must be worth n over this rate (see
-            :class:`~.search.SearchOptions`): structure in what is left, a process against a cause, workmanship where
-            nothing else is found.
-        structure_size: its least size, in noise standard deviations.
-        structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
-            the library's.
-        alternative: least probability of an alternative.
-        minor_share: an effect smaller than this share of the largest one (docs/inference.md, "What is no cause"), and
-        minor_evidence: worth less than this, in nats, corrects the other's form rather than being a cause of its own.
-    """
-
+    # rate of false answers that is accepted; docs/inference.md, "One number decides", derives from it. What is one of n
+    # things that were tried must be worth n over this rate (see :class:`~.search.SearchOptions`): structure in what is
+    # left, a process against a cause, workmanship where nothing else is found.
     false_names: float = 0.01
-    structure_size: float = 0.3
+    structure_size: float = 0.3  # its least size, in noise standard deviations
+    # its least share of the largest named effect: below, it is that effect's form that is not quite the library's
     structure_share: float = 0.05
-    alternative: float = 0.05
+    alternative: float = 0.05  # least probability of an alternative
+    # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause"), and ...
     minor_share: float = 0.12
+    # ... worth less than this, in nats, corrects the other's form rather than being a cause of its own
     minor_evidence: float = 25.0
 
     def least_evidence(self, tried: int) -> float:
@@ -66,53 +58,33 @@ _POWER = 0.8
 
 @dataclass(frozen=True)
 class Cause:
-    """A named effect.
+    """A named effect."""
 
-    Attributes:
-        effect: its id.
-        form: in which form it fits best.
-        indices: of its items in the hypothesis, several where it takes more than one form; none for workmanship
-            that is all there is.
-        alternatives: effects that these data cannot tell apart from it.
-        probability: that it is at work rather than an alternative, chance or something that the library lacks.
-        evidence: log evidence of the hypothesis with it against the best one without it, in nats.
-        size: root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations.
-    """
-
-    effect: str
-    form: str
+    effect: str  # its id
+    form: str  # in which form it fits best
+    # of its items in the hypothesis, several where it takes several forms; none for workmanship that is all there is
     indices: tuple[int, ...]
-    alternatives: tuple[str, ...]
-    probability: float
-    evidence: float
+    alternatives: tuple[str, ...]  # effects that these data cannot tell apart from it
+    probability: float  # that it is at work rather than an alternative, chance or something that the library lacks
+    evidence: float  # log evidence of the hypothesis with it against the best one without it, in nats
+    # root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations
     size: float
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What may be said.
+    """What may be said."""
 
-    Attributes:
-        verdict: no_gap, named, group or unknown.
-        causes: named effects, in the order they were added.
-        structures: what structure is left, most evident first.
-        challenges: of each cause that was found as one, the process that would explain best in its place.
-        reasons: why the verdict is what it is, one line each.
-        tried: so many processes.
-        thresholds: by which it was judged.
-        minor: effects that are at work at most beside others, adding too little to be causes.
-        remainder: processes whose sum describes what is left, largest first.
-    """
-
-    verdict: Verdict
-    causes: tuple[Cause, ...]
-    structures: tuple[Structure, ...]
+    verdict: Verdict  # no_gap, named, group or unknown
+    causes: tuple[Cause, ...]  # named effects, in the order they were added
+    structures: tuple[Structure, ...]  # what structure is left, most evident first
+    # of each cause that was found as one, the process that would explain best in its place
     challenges: tuple[Challenge, ...]
-    reasons: tuple[str, ...] = ()
-    tried: int = 1
-    thresholds: Thresholds = DEFAULT_THRESHOLDS
-    minor: tuple[str, ...] = ()
-    remainder: tuple[Summand, ...] = ()
+    reasons: tuple[str, ...] = ()  # why the verdict is what it is, one line each
+    tried: int = 1  # so many processes
+    thresholds: Thresholds = DEFAULT_THRESHOLDS  # by which it was judged
+    minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
+    remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
 
     @property
     def clear_structures(self) -> tuple[Structure, ...]:

@@ -25,70 +25,42 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What a process finds in what is left.
+    """What a process finds in what is left."""
 
-    Attributes:
-        process: the process.
-        length: at which length scale it fits best, in words.
-        amplitude: the most probable one, over what is usual.
-        evidence: log evidence for it beside what it was tried beside, in nats.
-        size: root mean square of what it explains, in noise standard deviations.
-    """
-
-    process: Process
-    length: str
-    amplitude: float
-    evidence: float
-    size: float
+    process: Process  # the process
+    length: str  # at which length scale it fits best, in words
+    amplitude: float  # the most probable one, over what is usual
+    evidence: float  # log evidence for it beside what it was tried beside, in nats
+    size: float  # root mean square of what it explains, in noise standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Summand(Structure):
-    """One of several processes at work together, with its own share of what they do.
+    """One of several processes at work together, with its own share of what they do."""
 
-    Attributes:
-        part: what it explains, whitened, shape (m,).
-        movement: by how much each of its parts moves in each row, (n, parts), in m and rad.
-        std: standard deviation of that, (n, parts).
-    """
-
-    part: FloatArray
-    movement: FloatArray
-    std: FloatArray
+    part: FloatArray  # what it explains, whitened, shape (m,)
+    movement: FloatArray  # by how much each of its parts moves in each row, (n, parts), in m and rad
+    std: FloatArray  # standard deviation of that, (n, parts)
 
 
 @dataclass(frozen=True)
 class Challenge:
-    """A process that explains better than a cause in its place.
+    """A process that explains better than a cause in its place."""
 
-    Attributes:
-        process: its name.
-        margin: by how much its log evidence is larger, in nats; negative where the cause explains better.
-    """
-
-    process: str
-    margin: float
+    process: str  # its name
+    margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A process at one length scale in one problem.
+    """A process at one length scale in one problem."""
 
-    Attributes:
-        process: the process.
-        length: the scale in words.
-        absorbed: inner products of its columns with what free unknowns explain, (f, k).
-        inner: of its columns with each other beside those, (k, k).
-        projected: of its columns with the residual, (k,).
-        shared: of the columns of a hypothesis with its own, (q, k).
-    """
-
-    process: Process
-    length: str
-    absorbed: FloatArray
-    inner: FloatArray
-    projected: FloatArray
-    shared: FloatArray
+    process: Process  # the process
+    length: str  # the scale in words
+    absorbed: FloatArray  # inner products of its columns with what free unknowns explain, (f, k)
+    inner: FloatArray  # of its columns with each other beside those, (k, k)
+    projected: FloatArray  # of its columns with the residual, (k,)
+    shared: FloatArray  # of the columns of a hypothesis with its own, (q, k)
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -98,11 +70,7 @@ class _Seen:
     def of(cls, process: Process, length: str, values: FloatArray, free: int) -> _Seen:
         """Return it beside what free unknowns explain.
 
-        Args:
-            process: what it is.
-            length: which of its scales.
-            values: axes of the free unknowns, the residual and the columns of the hypothesis, free of those, (m, q).
-            free: how many free unknowns there are.
+        Values (m, q) are their axes, so many, then the residual and the columns of the hypothesis, free of those.
         """
         parts = process.lengths[length]
         values = against(parts, values).T
@@ -113,21 +81,13 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A process at its best length scale beside something.
+    """A process at its best length scale beside something."""
 
-    Attributes:
-        evidence: averaged over its length scales, in nats.
-        seen: it at the best of them.
-        amplitude: the most probable one.
-        inner: inner products of its columns beside that something, (k, k).
-        projected: of its columns with the residual, (k,).
-    """
-
-    evidence: float
-    seen: _Seen
-    amplitude: float
-    inner: FloatArray
-    projected: FloatArray
+    evidence: float  # averaged over its length scales, in nats
+    seen: _Seen  # it at the best of them
+    amplitude: float  # the most probable one
+    inner: FloatArray  # inner products of its columns beside that something, (k, k)
+    projected: FloatArray  # of its columns with the residual, (k,)
 
     @property
     def name(self) -> str:
@@ -142,19 +102,13 @@ class _Found:
 
 
 class Discrepancy:
-    """What processes find beside a hypothesis, and in the place of its causes.
-
-    Args:
-        hypothesis: what is known to be at work.
-        processes: to be tried.
-    """
+    """What processes find beside a hypothesis, and in the place of its causes; all inner products are formed once."""
 
     def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
-        """Work out all inner products once."""
         self.hypothesis = hypothesis
         places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
-        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, *hypothesis.unscaled()])
+        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
         self._seen = {
             process.name: [_Seen.of(process, length, values, nuisance.dof) for length in process.lengths]
             for process in processes
@@ -162,17 +116,13 @@ class Discrepancy:
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
 
     def __len__(self) -> int:
-        """Return the number of processes."""
         return len(self._seen)
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
-        """Return the process that would explain best in the place of a cause.
+        """Return the process that would explain best in the place of a cause, by indices of the items that make it.
 
         A cause that is the right one beats processes, which are less specific. Where a process is clearly better, the
         cause is only the nearest neighbour of what is at work.
-
-        Args:
-            indices: of the items of the hypothesis that make the cause.
         """
         rest, own_worth = self.hypothesis.without(indices), self.hypothesis.worth(indices)
         effects = {self.hypothesis.items[k].effect for k in indices}
@@ -185,22 +135,18 @@ class Discrepancy:
         return best
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
-        """Return what structure single processes find beside the hypothesis, most evident first.
-
-        Args:
-            least_evidence: what counts, in nats.
-        """
+        """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""
         found = sorted((one for one in self._alone if one.evidence >= least_evidence), key=lambda one: -one.evidence)
-        return [Structure(*self._facts(one, one.evidence)) for one in found]
+        count = len(self.hypothesis.problem.residual)
+        return [
+            Structure(f.seen.process, f.seen.length, f.amplitude, f.evidence, float(np.sqrt(f.squared / count)))
+            for f in found
+        ]
 
     def sum(self, least_evidence: float, most: int) -> list[Summand]:
-        """Return the processes whose sum explains what is left, largest first.
+        """Return the processes, so many at most, whose sum explains what is left, largest first.
 
-        They are added one by one, and left out again where they are not missed beside the others.
-
-        Args:
-            least_evidence: what each must be worth beside the others, in nats.
-            most: how many there may be.
+        They are added one by one, and left out again where they are not worth so many nats beside the others.
         """
         chosen: list[_Found] = []
         tried = {one.name: one for one in self._alone}
@@ -218,11 +164,7 @@ class Discrepancy:
 
         What a process is worth hardly grows as others are added, so that most need not be looked at again (lazy greedy
         choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
-
-        Args:
-            tried: all processes by name, as they were when last looked at; brought up to date in place.
-            chosen: what is at work already.
-            least_evidence: what is enough, in nats.
+        ``tried`` has all by name, as they were when last looked at, and is brought up to date in place.
         """
         place, taken = self._beside(chosen), {one.name for one in chosen}
         left = {name: one for name, one in tried.items() if name not in taken}
@@ -251,12 +193,9 @@ class Discrepancy:
         return settled
 
     def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
-        """Return the conditions that would explain as much in the place of a summand, best first.
+        """Return the conditions that would explain as much, but for some nats, in the place of a summand, best first.
 
-        Args:
-            summand: one of those that :meth:`sum` found.
-            beside: the others.
-            apart: a rival is worth no more nats less.
+        The summand and those beside it are what :meth:`sum` found.
         """
         others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
         least = summand.evidence - apart
@@ -266,11 +205,7 @@ class Discrepancy:
     def bounds(self, beside: Sequence[Summand]) -> dict[str, float]:
         """Return of every other process, by name, what its movement is below with a probability of 97.5 %.
 
-        Args:
-            beside: what is at work, as :meth:`sum` found it.
-
-        Returns:
-            Root mean square over the rows, in m or rad.
+        Root mean squares over the rows, in m or rad, beside what :meth:`sum` found.
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
         place, bounds = self._beside(chosen), {}
@@ -297,10 +232,6 @@ class Discrepancy:
         evidences = np.array([worth.evidence for worth in worths])
         best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
         return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
-
-    def _worth(self, one: _Found, beside: Beside, own: Places, chosen: Sequence[_Found]) -> float:
-        """Return what one process at its length scale is worth beside others."""
-        return bayes_factor(*self._outside(beside, own, chosen, one.seen)).evidence
 
     def _outside(
         self, beside: Beside, own: Places, chosen: Sequence[_Found], seen: _Seen
@@ -335,10 +266,6 @@ class Discrepancy:
         gram = Gram(np.block(blocks), projected, problem.gram.squared)
         return Beside(gram, np.arange(len(projected)), np.concatenate(weights)), own
 
-    def _facts(self, one: _Found, evidence: float) -> tuple[Process, str, float, float, float]:
-        size = np.sqrt(one.squared / len(self.hypothesis.problem.residual))
-        return one.seen.process, one.seen.length, one.amplitude, evidence, float(size)
-
     def _summands(self, chosen: Sequence[_Found]) -> Iterator[Summand]:
         """Yield the chosen processes, each with its share of what they do together."""
         if not chosen:
@@ -357,14 +284,11 @@ class Discrepancy:
             part = problem.nuisance.cleared(part)
             size = float(np.sqrt((part @ part) / len(part)))
             others = [other for other in chosen if other is not one]
-            facts = one.seen.process, one.seen.length, one.amplitude, self._worth(one, *self._beside(others), others)
+            worth = bayes_factor(*self._outside(*self._beside(others), others, one.seen)).evidence
+            facts = one.seen.process, one.seen.length, one.amplitude, worth
             yield Summand(*facts, size, part, np.column_stack(movement), np.column_stack(std))
 
     def _again(self, summands: Sequence[Summand]) -> list[_Found]:
         """Return what summands were made from."""
-        wanted = {(summand.process.name, summand.length): summand for summand in summands}
-        every = {(seen.process.name, seen.length): seen for lengths in self._seen.values() for seen in lengths}
-        return [
-            _Found(s.evidence, every[key], s.amplitude, every[key].inner, every[key].projected)
-            for key, s in wanted.items()
-        ]
+        found = [(s, next(one for one in self._seen[s.process.name] if one.length == s.length)) for s in summands]
+        return [_Found(s.evidence, seen, s.amplitude, seen.inner, seen.projected) for s, seen in found]

@@ -27,27 +27,18 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What an explanation predicts of n possible measurements of k components each, over the noise.
+    """What an explanation predicts of n possible measurements of k components each, over the noise."""
 
-    Attributes:
-        mean: shape (n * k,).
-        covariance: of the prediction and the noise, shape (n * k, n * k).
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
+    mean: FloatArray  # shape (n * k,)
+    covariance: FloatArray  # of the prediction and the noise, shape (n * k, n * k)
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Measurements that were chosen.
+    """Measurements that were chosen."""
 
-    Attributes:
-        chosen: their indices, in the order they were chosen.
-        gains: expected growth of the evidence difference between each pair by each of them, (count, pairs), in nats.
-    """
-
-    chosen: IntArray
+    chosen: IntArray  # their indices, in the order they were chosen
+    # expected growth of the evidence difference between each pair by each of them, (count, pairs), in nats
     gains: FloatArray
 
 
@@ -99,36 +90,26 @@ def total(gains: FloatArray) -> FloatArray:
 
 
 def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, count: int) -> Choice:
-    """Choose measurements one by one; none is chosen twice.
+    """Choose so many of n possible measurements, of k components each, one by one; none is chosen twice.
 
-    Args:
-        predictions: one an explanation, of the same n possible measurements.
-        pairs: which explanations are to be told apart.
-        components: k of a measurement.
-        count: how many to choose, at most n.
+    Each explanation has a prediction of all n; pairs are explanations that are to be told apart.
     """
-    states = [
-        (
-            _Direction(predictions[a], predictions[b], components),
-            _Direction(predictions[b], predictions[a], components),
-        )
-        for a, b in pairs
-    ]
+    both_ways = [way for a, b in pairs for way in ((a, b), (b, a))]
+    directions = [_Direction(predictions[right], predictions[other], components) for right, other in both_ways]
     sums = np.zeros(len(pairs))
     chosen: list[int] = []
     gains: list[FloatArray] = []
     n = len(predictions[0].mean) // components
     for _ in range(min(count, n)):
-        found = np.column_stack([0.5 * (a.gains() + b.gains()) for a, b in states])
+        found = np.column_stack([one.gains() for one in directions]).reshape(n, len(pairs), 2).mean(axis=2)
         worth = total(sums + found)
         worth[chosen] = -np.inf
         best = int(np.argmax(worth))
         chosen.append(best)
         gains.append(found[best])
         sums = sums + found[best]
-        for state in states:
-            for direction in state:
-                direction.add(best)
+        for one in directions:
+            one.add(best)
     return Choice(np.array(chosen, dtype=np.intp), np.array(gains).reshape(-1, len(pairs)))
 
 

@@ -45,55 +45,33 @@ BoolArray = NDArray[np.bool_]
 
 
 class Scale(NamedTuple):
-    """Standard deviations of a group's coefficients over their usual ones.
+    """Standard deviations of a group's coefficients over their usual ones."""
 
-    Attributes:
-        main: of all of them.
-        shaping: once more, of those that only shape the others.
-    """
-
-    main: float
-    shaping: float = 1.0
+    main: float  # of all of them
+    shaping: float = 1.0  # once more, of those that only shape the others
 
     def weights(self, main: BoolArray) -> FloatArray:
-        """Return the factor of each coefficient, (k,).
-
-        Args:
-            main: which are no more than that, (k,).
-        """
+        """Return the factor of each coefficient, (k,); ``main`` (k,) says which do not only shape the others."""
         return self.main * np.where(main, 1.0, self.shaping)
 
 
 @dataclass(frozen=True)
 class BayesFactor:
-    """What a group of columns is worth.
+    """What a group of columns is worth."""
 
-    Attributes:
-        evidence: log evidence against leaving it out, averaged over scales, in nats.
-        scale: the most probable scales.
-        peak: log evidence at those.
-    """
-
-    evidence: float
-    scale: Scale
-    peak: float
+    evidence: float  # log evidence against leaving it out, averaged over scales, in nats
+    scale: Scale  # the most probable scales
+    peak: float  # log evidence at those
 
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Inner products of columns and residual through the inverse of a covariance.
+    """Inner products of columns and residual through the inverse of a covariance."""
 
-    Attributes:
-        columns: of the columns, (K, K).
-        projected: of the columns with the residual, (K,).
-        squared: of the residual with itself.
-        log_determinant: of the covariance.
-    """
-
-    columns: FloatArray
-    projected: FloatArray
-    squared: float
-    log_determinant: float = 0.0
+    columns: FloatArray  # of the columns, (K, K)
+    projected: FloatArray  # of the columns with the residual, (K,)
+    squared: float  # of the residual with itself
+    log_determinant: float = 0.0  # of the covariance
 
     @classmethod
     def of(cls, groups: Sequence[FloatArray], residual: FloatArray) -> Gram:
@@ -109,16 +87,12 @@ class Gram:
 
 
 class Beside:
-    """The same beside more groups of columns, each with its weights: a Schur complement.
+    """The same beside more groups of columns: a Schur complement.
 
-    Args:
-        gram: of all columns.
-        places: which columns are in the groups, (k,), kept as :attr:`places`.
-        weights: standard deviation of the coefficient of each, (k,).
+    Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
     """
 
     def __init__(self, gram: Gram, places: Places, weights: FloatArray) -> None:
-        """Decompose."""
         self._gram, self.places, self._weights = gram, places, weights
         inner = weights[:, None] * gram.columns[places[:, None], places] * weights
         inner.flat[:: len(places) + 1] += 1.0
@@ -141,10 +115,6 @@ class Beside:
         solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor.T, values, lower=0, trans=1)[0]
         return solution
 
-    def _seen(self, places: Places) -> FloatArray:
-        """Return the factor's inverse times what the groups have in common with other columns, (k, a)."""
-        return self._solved(self._weights[:, None] * self._gram.columns[self.places[:, None], places])
-
     @property
     def log_likelihood(self) -> float:
         """Log density of the residual, in nats, up to a constant of the number of rows."""
@@ -152,17 +122,14 @@ class Beside:
 
     def of(self, places: Places) -> tuple[FloatArray, FloatArray]:
         """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
-        seen = self._seen(places)
-        columns = self._gram.columns[places[:, None], places] - seen.T @ seen
-        return columns, self._gram.projected[places] - seen.T @ self._pulled
+        columns, projected = self._gram.columns, self._gram.projected
+        shared, inner = columns[self.places[:, None], places], columns[places[:, None], places]
+        return self.outside(shared, inner, projected[places])
 
     def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the same of columns that are not in the Gram matrix.
 
-        Args:
-            shared: inner products of the groups' columns with them, (k, a).
-            inner: of them with each other, (a, a).
-            projected: of them with the residual, (a,).
+        From their inner products with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
         seen = self._solved(self._weights[:, None] * shared)
         return inner - seen.T @ seen, projected - seen.T @ self._pulled
@@ -170,9 +137,8 @@ class Beside:
     @functools.cached_property
     def gram(self) -> Gram:
         """All inner products."""
-        seen = self._solved(self._weights[:, None] * self._gram.columns[self.places])
-        columns, projected = self._gram.columns - seen.T @ seen, self._gram.projected - seen.T @ self._pulled
-        return Gram(columns, projected, self.squared, self.log_determinant)
+        columns, projected = self._gram.columns, self._gram.projected
+        return Gram(*self.outside(columns[self.places], columns, projected), self.squared, self.log_determinant)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
@@ -183,11 +149,8 @@ class Beside:
 def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
     """Return by how much shaping coefficients must be multiplied to make as much of the prediction as the others.
 
-    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing.
-
-    Args:
-        columns: inner products of a group's columns, (k, k).
-        main: which of them are no shaping, (k,).
+    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing. ``columns``
+    are inner products of a group's columns, (k, k), and ``main`` says which of them are no shaping, (k,).
     """
     sizes = np.diag(columns)
     whole, shaping = float(sizes[main].sum()), float(sizes[~main].sum())
@@ -243,15 +206,7 @@ def evidences(
     largest: float = np.inf,
     unit: float = 1.0,
 ) -> FloatArray:
-    """Return the log evidence of a group of columns for many residuals, (d,), in nats.
-
-    Args:
-        columns: as for :func:`bayes_factor`.
-        projected: inner products of the columns with each residual, (k, d).
-        main: the same.
-        largest: the same.
-        unit: the same.
-    """
+    """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
     log_scales, _, weights = _grid(len(columns), main, largest, unit)
     squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
     kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
@@ -274,17 +229,11 @@ def _grid(
 
 
 def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
-    """Return the log evidence of a group of columns at each scale, (p, s).
+    """Return the log evidence of a group of columns at each scale, (p, s), for several sets of weights, (p, k).
 
     In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
     1 + s^2 T the pivots, from its end, give the determinant, and the first one the element that is asked for (Golub &
     Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
-
-    Args:
-        weights: of the columns, several sets of them, (p, k).
-        columns: their inner products, (k, k).
-        projected: with the residual, (k,).
-        log_scales: logarithms of the scales, (s,).
     """
     count, variances = len(projected), np.exp(2.0 * log_scales)
     diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
@@ -318,13 +267,7 @@ def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def largest_scale(columns: FloatArray, projected: FloatArray, probability: float = 0.975) -> float:
-    """Return the scale that the coefficients of a group are below with a probability, given the data.
-
-    Args:
-        columns: as for :func:`bayes_factor`.
-        projected: the same.
-        probability: of being below.
-    """
+    """Return the scale that the coefficients of a group, as of :func:`bayes_factor`, are below with a probability."""
     worth = _over_scales(np.ones((1, len(columns))), columns, projected, LOG_SCALES)[0]
     shares = np.cumsum(np.exp(worth - worth.max()))
     return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

@@ -11,34 +11,49 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_unit
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_FORM = "background"
 """What an effect's form is called in files where it is workmanship."""
+_RANK = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """What always free unknowns (frames, constants) can explain: taken out of everything before it is compared."""
+
+    axes: FloatArray  # orthonormal, of the span of their columns, shape (m, f)
+
+    @classmethod
+    def of(cls, columns: FloatArray, rank: float = _RANK) -> Nuisance:
+        """Return the span of columns (m, k) of any scales; what is longer than ``rank`` of the longest axis counts."""
+        size = np.linalg.norm(columns, axis=0)
+        axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+        return cls(axes[:, values > rank * values.max(initial=0.0)])
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom f that it takes up."""
+        return int(self.axes.shape[1])
+
+    def cleared(self, values: FloatArray) -> FloatArray:
+        """Return vectors (m,) or (m, k) without what the nuisance parameters explain."""
+        return np.asarray(values - self.axes @ (self.axes.T @ values))
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """One form of one effect: the columns it can add to the prediction.
+    """One form of one effect: the columns it can add to the prediction."""
 
-    Attributes:
-        effect: id of the effect; several explanations are forms of the same one.
-        form: which form; together with the effect it names the explanation.
-        columns: shape (m, k): whitened signature of each parameter times the parameter's usual size.
-        main: shape (k,): parameters that make the effect; the others only shape it and do not stand alone.
-        cause: whether it may be named. What is no cause is there to be fitted and to explain, such as
-            workmanship that the load brings to light.
-        largest: how many times their usual size the parameters can be.
-        one_of: a constant of which the form is one value; "" for one that may be at work beside any of its effect.
-    """
-
-    effect: str
-    form: str
-    columns: FloatArray
-    main: BoolArray
+    effect: str  # id of the effect; several explanations are forms of the same one
+    form: str  # which form; together with the effect it names the explanation
+    columns: FloatArray  # shape (m, k): whitened signature of each parameter times the parameter's usual size
+    main: BoolArray  # shape (k,): parameters that make the effect; the others only shape it and do not stand alone
+    # whether it may be named. What is no cause is there to be fitted and to explain, such as workmanship that the load
+    # brings to light.
     cause: bool = True
-    largest: float = np.inf
+    largest: float = np.inf  # how many times their usual size the parameters can be
+    # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""
 
     @functools.cached_property
@@ -49,32 +64,25 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Workmanship:
-    """Small errors of one kind that every machine has: fitted beside all explanations, not named while others explain.
+    """Small errors of one kind that every machine has: fitted beside all explanations, named where none explains."""
 
-    Attributes:
-        effect: id of the effect that the same errors are called when they are all there is.
-        columns: shape (m, k), times the size of a part that nobody has measured.
-    """
+    effect: str  # id of the effect that the same errors are called when they are all there is
+    columns: FloatArray  # shape (m, k), times the size of a part that nobody has measured
 
-    effect: str
-    columns: FloatArray
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and the form that workmanship is called by."""
+        return self.effect, WORKMANSHIP_FORM
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and all that may explain them, both without what the always free unknowns explain.
+    """Residuals and all that may explain them, both without what the always free unknowns explain."""
 
-    Attributes:
-        residual: shape (m,): measured minus predicted over the noise.
-        nuisance: what free unknowns explain.
-        workmanship: its kinds.
-        explanations: forms of effects.
-    """
-
-    residual: FloatArray
-    nuisance: Nuisance
-    workmanship: tuple[Workmanship, ...]
-    explanations: tuple[Explanation, ...]
+    residual: FloatArray  # shape (m,): measured minus predicted over the noise
+    nuisance: Nuisance  # what free unknowns explain
+    workmanship: tuple[Workmanship, ...]  # its kinds
+    explanations: tuple[Explanation, ...]  # forms of effects
 
     @classmethod
     def build(
@@ -84,13 +92,9 @@ class Problem:
         workmanship: Iterable[Workmanship],
         explanations: Iterable[Explanation],
     ) -> Problem:
-        """Return the problem beside free unknowns, which are always fitted and never named.
+        """Return the problem of a residual (m,) beside free unknowns, always fitted and never named, by columns (m, f).
 
-        Args:
-            residual: shape (m,).
-            free: columns of the free unknowns, shape (m, f).
-            workmanship: its kinds.
-            explanations: forms of effects. Taken one by one: their columns are most of what a diagnosis holds.
+        Explanations are taken one by one: their columns are most of what a diagnosis holds.
         """
         nuisance = Nuisance.of(free)
         cleared = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in workmanship)
@@ -108,35 +112,27 @@ class Problem:
         effects = [item.effect for item in self.explanations]
         return {effect: -float(np.log(effects.count(effect))) for effect in effects}
 
+    @property
+    def _groups(self) -> list[Workmanship | Explanation]:
+        return [*self.workmanship, *self.explanations]
+
     @functools.cached_property
     def gram(self) -> Gram:
         """Inner products of all columns and the residual."""
-        workmanship, found = [b.columns for b in self.workmanship], [e.columns for e in self.explanations]
-        return Gram.of([*workmanship, *found], self.residual)
+        return Gram.of([one.columns for one in self._groups], self.residual)
 
     @functools.cached_property
-    def _places(self) -> tuple[tuple[Places, ...], dict[tuple[str, str], Places]]:
-        widths = [b.columns.shape[1] for b in self.workmanship] + [e.columns.shape[1] for e in self.explanations]
-        ends = np.cumsum([0, *widths])
-        found = [np.arange(first, last, dtype=np.intp) for first, last in itertools.pairwise(ends.tolist())]
-        first = len(self.workmanship)
-        keys = (item.key for item in self.explanations)
-        return tuple(found[:first]), dict(zip(keys, found[first:], strict=True))
+    def _places(self) -> dict[tuple[str, str], Places]:
+        ends = itertools.pairwise(np.cumsum([0, *(one.columns.shape[1] for one in self._groups)]).tolist())
+        return {one.key: np.arange(*own, dtype=np.intp) for one, own in zip(self._groups, ends, strict=True)}
 
-    def workmanship_places(self, index: int) -> Places:
-        """Return which of :attr:`columns` are those of a kind of workmanship."""
-        return self._places[0][index]
-
-    def places(self, item: Explanation) -> Places:
-        """Return which of :attr:`columns` are those of an explanation."""
-        return self._places[1][item.key]
-
-    def shaping_unit(self, item: Explanation) -> float:
-        """Return the unit of an explanation's shaping scale; see :func:`~.evidence.shaping_unit`."""
-        return self._shaping_units[item.key]
+    def places(self, item: Explanation | Workmanship) -> Places:
+        """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""
+        return self._places[item.key]
 
     @functools.cached_property
-    def _shaping_units(self) -> dict[tuple[str, str], float]:
+    def shaping_units(self) -> dict[tuple[str, str], float]:
+        """Unit of each explanation's shaping scale, by its key; see :func:`~.evidence.shaping_unit`."""
         every = [(item, self.places(item)) for item in self.explanations]
         return {item.key: shaping_unit(self.gram.columns[at[:, None], at], item.main) for item, at in every}
 

@@ -20,8 +20,7 @@ from pouring_robot.inference.evidence import (
     bayes_factor,
     most_evidence,
 )
-from pouring_robot.inference.explanations import Explanation, Problem
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
@@ -40,21 +39,13 @@ _RANK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Explanations with their scales, and a level of every kind of workmanship.
+    """Explanations with their scales, and a level of every kind of workmanship."""
 
-    Attributes:
-        problem: what is to be explained.
-        items: the explanations, in the order they were added.
-        scales: one an item.
-        levels: index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship.
-        barred: forms that are not to be added.
-    """
-
-    problem: Problem
-    items: tuple[Explanation, ...]
-    scales: tuple[Scale, ...]
-    levels: tuple[int, ...]
-    barred: frozenset[tuple[str, str]] = frozenset()
+    problem: Problem  # what is to be explained
+    items: tuple[Explanation, ...]  # the explanations, in the order they were added
+    scales: tuple[Scale, ...]  # one an item
+    levels: tuple[int, ...]  # index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship
+    barred: frozenset[tuple[str, str]] = frozenset()  # forms that are not to be added
 
     @classmethod
     def nothing(cls, problem: Problem) -> Hypothesis:
@@ -89,12 +80,9 @@ class Hypothesis:
 
     def workmanship(self) -> list[tuple[Places, FloatArray]]:
         """Return places and weights of workmanship."""
-        found = []
-        for k, level in enumerate(self.levels):
-            places = self.problem.workmanship_places(k)
-            if level:
-                found.append((places, np.full(len(places), WORKMANSHIP_LEVELS[level])))
-        return found
+        kinds = zip(self.problem.workmanship, self.levels, strict=True)
+        found = [(self.problem.places(kind), level) for kind, level in kinds if level]
+        return [(places, np.full(len(places), WORKMANSHIP_LEVELS[level])) for places, level in found]
 
     def _group(self, index: int) -> tuple[Places, FloatArray]:
         item = self.items[index]
@@ -111,17 +99,18 @@ class Hypothesis:
 
     def groups(self) -> list[FloatArray]:
         """Return the scaled columns of everything fitted."""
-        return [own * weights for own, (_, weights) in zip(self.unscaled(), self._groups, strict=True)]
+        return [own.columns * weights for own, (_, weights) in zip(self.fitted, self._groups, strict=True)]
 
-    def unscaled(self) -> list[FloatArray]:
-        """Return the columns of everything fitted, by group."""
-        workmanship = [b.columns for b, level in zip(self.problem.workmanship, self.levels, strict=True) if level]
-        return [*workmanship, *(item.columns for item in self.items)]
+    @property
+    def fitted(self) -> list[Workmanship | Explanation]:
+        """Everything fitted, by group: kinds of workmanship, then items."""
+        kinds = zip(self.problem.workmanship, self.levels, strict=True)
+        return [*(kind for kind, level in kinds if level), *self.items]
 
     @property
     def columns(self) -> FloatArray:
         """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
-        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self.unscaled()])
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *(own.columns for own in self.fitted)])
 
     def on(self, problem: Problem) -> Hypothesis:
         """Return the same on another problem of the same explanations."""
@@ -157,7 +146,8 @@ class Hypothesis:
     @functools.cached_property
     def log_evidence(self) -> float:
         """Log evidence, scales averaged, forms as likely as each other, up to a constant of the problem, in nats."""
-        averaged = sum(found.evidence - found.peak for found in self._bayes_factors)
+        found = [self.item_bayes_factor(k) for k in range(len(self.items))]
+        averaged = sum(one.evidence - one.peak for one in found)
         return self._log_likelihood + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
 
     @property
@@ -169,10 +159,6 @@ class Hypothesis:
             self._known["likelihood"] = every.log_likelihood + prior
         found: float = self._known["likelihood"]
         return found
-
-    @functools.cached_property
-    def _bayes_factors(self) -> tuple[BayesFactor, ...]:
-        return tuple(self.item_bayes_factor(k) for k in range(len(self.items)))
 
     def item_bayes_factor(self, index: int) -> BayesFactor:
         """Return what an item is worth beside the others."""
@@ -208,7 +194,12 @@ class Hypothesis:
 
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float, float]:
         """Return what the worth of one more explanation follows from."""
-        seen = *self._beside.of(self.problem.places(item)), item.main, item.largest, self.problem.shaping_unit(item)
+        seen = (
+            *self._beside.of(self.problem.places(item)),
+            item.main,
+            item.largest,
+            self.problem.shaping_units[item.key],
+        )
         return seen
 
     @functools.cached_property
@@ -358,10 +349,6 @@ class Hypothesis:
         """Return how many coefficients the data determine, each counted by how far."""
         spread = self.coefficients()[1]
         return float(len(spread) - spread.trace())
-
-    def misfit(self) -> float:
-        """Return the squared length of the residual, measured by everything fitted; m where the hypothesis is true."""
-        return self.everything.squared
 
 
 @functools.cache

@@ -19,19 +19,12 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """What one m or rad in every row adds to the whitened prediction.
+    """What one m or rad in every row adds to the whitened prediction."""
 
-    Attributes:
-        name: of what moves, in words.
-        column: shape (m,).
-        rows: which row each equation is of, as a matrix (n, m) that sums them.
-        turning: whether it counts in rad.
-    """
-
-    name: str
-    column: FloatArray
-    rows: scipy.sparse.csr_array
-    turning: bool = False
+    name: str  # of what moves, in words
+    column: FloatArray  # shape (m,)
+    rows: scipy.sparse.csr_array  # which row each equation is of, as a matrix (n, m) that sums them
+    turning: bool = False  # whether it counts in rad
 
     def against(self, values: FloatArray) -> FloatArray:
         """Return the inner products, row by row, with values (m, q): shape (n, q)."""
@@ -55,15 +48,10 @@ def sums_of(row: NDArray[np.intp], count: int) -> scipy.sparse.csr_array:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One channel that follows one course.
+    """One channel that follows one course."""
 
-    Attributes:
-        channel: what moves.
-        course: shape (n, k), dense or sparse: independent coefficients of standard deviation 1 usually make the
-            movement in m or rad.
-    """
-
-    channel: Channel
+    channel: Channel  # what moves
+    # (n, k), dense or sparse: independent coefficients of standard deviation 1 usually make the movement in m or rad
     course: Any
 
     @property
@@ -80,18 +68,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Process:
-    """A random function by which something unknown moves a place.
+    """A random function by which something unknown moves a place."""
 
-    Attributes:
-        where: what is moved, in words: ``seen place and turn``, ``drives`` …
-        by: what it depends on, in words.
-        lengths: its parts for each length scale, by the scale in words.
-        same_as: effects that are as general as it is and say the same: it is no other explanation in their place.
-    """
-
-    where: str
-    by: str
-    lengths: dict[str, tuple[Part, ...]]
+    where: str  # what is moved, in words: ``seen place and turn``, ``drives`` …
+    by: str  # what it depends on, in words
+    lengths: dict[str, tuple[Part, ...]]  # its parts for each length scale, by the scale in words
+    # effects that are as general as it is and say the same: it is no other explanation in their place
     same_as: frozenset[str] = frozenset()
 
     @classmethod

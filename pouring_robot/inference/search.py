@@ -7,36 +7,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """When an explanation counts.
+    """When an explanation counts."""
 
-    Attributes:
-        false_names: rate of false names that is accepted where nothing is missing. What is not at work is seen with a
-            Bayes factor of K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the
-            forms of an effect sharing its probability, one over this rate is what an effect must be worth
-            (docs/inference.md, "One number decides").
-        by_chance: what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`).
-        most_effects: how many may be found.
-        branches: how many effects are tried in full at every step.
-        least_main_share: share of an effect's part that its main parameters must be able to make; for this and
-            ``most_cancelled`` see docs/inference.md, "What is no cause".
-        most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
-            its usual size.
-        most_cancelled: how many times larger than the whole gap an effect's part may be (root mean squares): what is
-            larger is undone by others, and they are no causes but ways to fit together what is none of them.
-    """
-
+    # rate of false names that is accepted where nothing is missing. What is not at work is seen with a Bayes factor of
+    # K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the forms of an effect
+    # sharing its probability, one over this rate is what an effect must be worth (docs/inference.md, "One number
+    # decides").
     false_names: float = 0.01
+    # what it must be worth at least because so many effects are tried, in nats (:func:`by_chance`)
     by_chance: float = 0.0
-    most_effects: int = 5
-    branches: int = 3
+    most_effects: int = 5  # how many may be found
+    branches: int = 3  # how many effects are tried in full at every step
+    # share of an effect's part that its main parameters must be able to make; for this and ``most_cancelled`` see
+    # docs/inference.md, "What is no cause"
     least_main_share: float = 0.4
+    # how many times larger than an effect's largest main parameter one that only shapes it may be, in usual sizes
     most_shape: float = 5.0
+    # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
+    # others, and they are no causes but ways to fit together what is none of them
     most_cancelled: float = 3.0
 
     @property
@@ -46,6 +41,7 @@ class SearchOptions:
 
 
 DEFAULT_SEARCH = SearchOptions()
+CHANCE_DRAWS, CHANCE_SEED = 1000, 0
 _BRANCH_BEHIND = 30.0
 _CATCHES_UP = 200.0
 """How far behind another explanation may be at first sight, in nats."""
@@ -56,16 +52,38 @@ _BEYOND_DOUBT = 200.0
 """Log evidence beyond which no workmanship takes the place of an item, in nats."""
 
 
+def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
+    """Return the log evidence that the best cause exceeds at a rate where none is at work, in nats.
+
+    A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.
+    Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
+    products through C for covariance, so that no residual has to be drawn.
+    """
+    problem, inner = null.problem, null.everything.gram.columns
+    squared, axes = eigen(inner)
+    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose.
+    spread = (axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T
+    projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
+    largest = np.zeros(draws)
+    for item in problem.explanations:
+        if item.cause and item.columns.any():
+            places = problem.places(item)
+            found = evidences(
+                inner[places[:, None], places],
+                projected[places],
+                item.main,
+                item.largest,
+                problem.shaping_units[item.key],
+            )
+            largest = np.maximum(largest, found + problem.log_priors[item.effect])
+    return float(np.quantile(largest, 1.0 - rate))
+
+
 def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
-    (see :func:`credible`), the search goes on without it.
-
-    Args:
-        problem: residuals and all that may explain them.
-        options: thresholds.
-        start: where to begin; by default with nothing.
+    (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
     """
     current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
     for _ in range(_MOST_REFUSED):
@@ -126,18 +144,16 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
 def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
     for _ in range(3):
-        changed = False
+        before = hypothesis
         for index in range(len(hypothesis.items)):
-            other = _exchanged(hypothesis, index, options)
-            if other is not None:
-                hypothesis, changed = other, True
-        if not changed:
+            hypothesis = _exchanged(hypothesis, index, options)
+        if hypothesis is before:
             break
     return hypothesis
 
 
-def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis | None:
-    """Return the hypothesis with another explanation in the place of one, if there is a better one.
+def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis:
+    """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
 
     Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
@@ -157,7 +173,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         tried.add(item.effect)
         if len(tried) == options.branches:
             break
-    return None
+    return hypothesis
 
 
 def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:

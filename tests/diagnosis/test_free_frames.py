@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import FRAME_STD
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Nuisance
 
 ROWS = 30
 

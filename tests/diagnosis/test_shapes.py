@@ -5,8 +5,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.report.plots import plots
-from pouring_robot.diagnosis.report.shapes import shape_of
+from pouring_robot.diagnosis.report.plots import plots, shape_of
 from tests.rig import Wanted, make_campaign, write_case
 
 LAG_S = 500.0

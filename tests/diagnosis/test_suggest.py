@@ -13,8 +13,14 @@ from pouring_robot.diagnosis.report.sentences import measurement_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
 from pouring_robot.diagnosis.suggest.candidates import EndPose, Prospect, candidates
-from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, SuggestedMeasurement, Suggestion, suggest_measurements
-from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.diagnosis.suggest.suggest import (
+    RANDOM_SETS,
+    SuggestedMeasurement,
+    Suggestion,
+    separating_words,
+    suggest_measurements,
+    untestable_words,
+)
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
 from pouring_robot.inference.hypotheses import Hypothesis

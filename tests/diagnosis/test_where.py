@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.robot.model import RobotModel
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.chance import by_chance
 from pouring_robot.inference.evidence import bayes_factor, evidences
 from pouring_robot.inference.explanations import Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
-from pouring_robot.inference.search import SearchOptions
+from pouring_robot.inference.search import SearchOptions, by_chance
 from tests.inference.problems import ROWS, explanation, library, problem
 
 
@@ -32,7 +31,7 @@ def test_many_residuals_at_once_are_worth_what_each_is(rng):
 def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     """Dense covariance, one search of the best cause a residual: the share beyond must be the rate, within chance."""
     rate, draws = 0.1, 400
-    threshold = by_chance(null, rate, 4000).evidence
+    threshold = by_chance(null, rate, 4000)
     background = WORKMANSHIP_LEVELS[3] * null.problem.workmanship[0].columns
     inverse = np.linalg.inv(np.eye(ROWS) + background @ background.T)
     beyond = 0

@@ -101,7 +101,9 @@ def test_coefficients_make_the_parts(small):
 
 def test_misfit_and_spent_are_those_of_the_covariance(small):
     inverse = np.linalg.inv(covariance(small))
-    assert small.misfit() == pytest.approx(small.problem.residual @ inverse @ small.problem.residual, rel=1e-12)
+    assert small.everything.squared == pytest.approx(
+        small.problem.residual @ inverse @ small.problem.residual, rel=1e-12
+    )
     assert small.effective_dof() == pytest.approx(12.0 - np.trace(inverse), rel=1e-12)
 
 
@@ -110,7 +112,7 @@ def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):
     found = []
     for _ in range(200):
         residual = rng.normal(size=40) + 1.5 * item.columns @ rng.normal(size=3)
-        found.append(Hypothesis(problem(residual, [item]), (item,), (Scale(1.5),), ()).misfit())
+        found.append(Hypothesis(problem(residual, [item]), (item,), (Scale(1.5),), ()).everything.squared)
     assert np.mean(found) == pytest.approx(40.0, abs=4.0 * np.sqrt(2.0 * 40.0 / 200.0))
 
 

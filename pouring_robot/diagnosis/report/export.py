@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures
@@ -26,14 +27,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position: there is nothing to draw; ``next.csv`` where nothing
-    is to be measured next.
-
-    Args:
-        diagnosis: what was found.
-        folder: made if it is not there; files of an earlier diagnosis in it are replaced.
-
-    Returns:
-        The files, as they stand in the folder.
+    is to be measured next. The folder is made if it is not there; files of an earlier diagnosis in it are replaced.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -98,13 +92,8 @@ Metrics = dict[str, Any]
 
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
-    """Return ``diagnosis.json``.
-
-    Args:
-        diagnosis: what was found.
-        model_file: path of the amended model file.
-    """
-    judgement = diagnosis.judgement
+    """Return ``diagnosis.json``, which says where the amended model file is."""
+    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
@@ -139,7 +128,13 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),
-        "thresholds": _thresholds(diagnosis),
+        "thresholds": {
+            "false_names": asked.false_names,
+            "least_evidence_nats": asked.least_evidence,
+            "by_chance_nats": asked.by_chance,  # what chance alone makes of an effect in this campaign
+            "draws": CHANCE_DRAWS,
+            "seed": CHANCE_SEED,
+        },
         "rows": {
             "all": len(diagnosis.campaign),
             "fitted": int(diagnosis.fitted.sum()),
@@ -147,7 +142,10 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             "left_out_lines": [int(diagnosis.campaign.lines[row]) for row in diagnosis.outliers],
         },
         "held_out_block": diagnosis.held_out_name,
-        "frames": _frames(diagnosis),
+        "frames": {
+            "tracker_to_fixed_platform": pose_figures(frames.T_tracker_base),
+            "platform_to_target": pose_figures(frames.T_end_target),
+        },
         "next": next_lines(diagnosis),
         "notes": note_lines(diagnosis),
     }
@@ -175,24 +173,4 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
         "log_evidence_nats": cause.evidence,
         "size_in_noise": cause.size,
         "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,
-    }
-
-
-def _thresholds(diagnosis: Conclusions) -> Metrics:
-    """Return what an effect must be worth, and what chance alone makes of it in this campaign."""
-    asked, chance = diagnosis.diagnoser.thresholds, diagnosis.diagnoser.chance
-    return {
-        "false_names": asked.false_names,
-        "least_evidence_nats": asked.least_evidence,
-        "by_chance_nats": chance.evidence,
-        "draws": chance.draws,
-        "seed": chance.seed,
-    }
-
-
-def _frames(diagnosis: Conclusions) -> Metrics:
-    frames = diagnosis.after.frames
-    return {
-        "tracker_to_fixed_platform": pose_figures(frames.T_tracker_base),
-        "platform_to_target": pose_figures(frames.T_end_target),
     }

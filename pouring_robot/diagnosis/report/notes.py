@@ -34,7 +34,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"
         )
-    lines += [line for line in (diagnosis.refused, diagnosis.unsuggested) if line]
+    lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line]
     if diagnosis.outliers.size:
         lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)

@@ -29,13 +29,7 @@ _MOST_OPEN = 14
 def html_report(
     diagnosis: Conclusions, pictures: Iterable[tuple[str, str]], links: Mapping[str, str] | None = None
 ) -> str:
-    """Return the report as one page without any outside file.
-
-    Args:
-        diagnosis: what was found.
-        pictures: of it, as :func:`~.plots.plots` draws them.
-        links: files beside it by what they are.
-    """
+    """Return the report with its pictures as one page, which links to the files beside it by what they are."""
     first, *others = [Plot(title, svg) for title, svg in pictures]
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),

@@ -1,7 +1,8 @@
 """Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, what is left."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,18 @@ from scipy.special import ndtri
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
-from pouring_robot.diagnosis.report.shapes import Shape, shape_of
-from pouring_robot.effects.base import Effect
+from pouring_robot.diagnosis.parameters import NamedEffect
+from pouring_robot.diagnosis.rows import SCALE
+from pouring_robot.effects.base import Effect, EffectParameter
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.facts import axis_over
+from pouring_robot.effects.facts import Axis, axis_over, of_drives
+from pouring_robot.effects.families.base import channel
 from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import FloatArray, evenly
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
@@ -32,12 +36,10 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     words = diagnosis.rows.conditions.causes.words
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
+    over = f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})"
     drawn = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
-        (
-            f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})",
-            _residuals(diagnosis),
-        ),
+        (over, _residuals(diagnosis)),
     ]
     if diagnosis.firm:
         drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))
@@ -50,9 +52,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
 def _shown(diagnosis: Conclusions) -> NDArray[np.bool_]:
     """Return which rows are drawn, shape (n,): all, or an even choice of many."""
     count = len(diagnosis.rows)
-    shown = np.zeros(count, dtype=bool)
-    shown[evenly(count, _MOST_ROWS)] = True
-    return shown
+    return np.isin(np.arange(count), evenly(count, _MOST_ROWS))
 
 
 def _gap(diagnosis: Conclusions) -> str:
@@ -107,14 +107,8 @@ def _residuals(diagnosis: Conclusions) -> str:
     room = {"left": 0.7 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.4 / height}
     seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
     lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
-    grid = figure.subplots(
-        len(lengths),
-        len(shown),
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-        gridspec_kw=room | {"wspace": 0.1, "hspace": 0.1},
-    )
+    shared: dict[str, Any] = {"sharex": "col", "sharey": "row", "gridspec_kw": room | {"wspace": 0.1, "hspace": 0.1}}
+    grid = figure.subplots(len(lengths), len(shown), squeeze=False, **shared)
     for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
@@ -185,6 +179,72 @@ def _signatures(diagnosis: Conclusions) -> str:
     return svg_of(figure)
 
 
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What an effect does to one local parameter in each row."""
+
+    channel: str  # name of the local parameter
+    unit: str  # that the figures count in
+    axis: Axis  # what drives the effect
+    learned: FloatArray  # with all that shapes it, (n,)
+    std: FloatArray  # standard deviation of that, (n,)
+    textbook: FloatArray  # by its main parameters alone, (n,)
+
+
+def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
+    """Return what an effect moves most; None where no more than chance shapes it: it is the textbook's."""
+    parameters = [found.parameter for found in effect.parameters]
+    if all(p.main for p in parameters) or not effect.cause.indices:
+        return None
+    values = np.array([found.value for found in effect.parameters])
+    # What one unit of each parameter does to a local parameter, (n, p).
+    moves = {
+        name: np.column_stack(np.broadcast_arrays(*(p.changes.get(name, 0.0) for p in parameters)))
+        for name in dict.fromkeys(name for p in parameters for name in p.changes)
+    }
+    most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
+    main = np.array([p.main for p in parameters])
+    std = np.sqrt(variances_of(moves[most], _covariance(diagnosis, effect, parameters)))
+    learned, textbook = moves[most] @ values, moves[most] @ (main * values)
+    if np.square(learned - textbook).mean() <= np.square(std).mean():
+        return None
+    factor, unit = _unit(diagnosis, most)
+    axis = _driving_axis(diagnosis, effect, most)
+    return Shape(most, unit, axis, learned / factor, std / factor, textbook / factor)
+
+
+def _covariance(diagnosis: Conclusions, effect: NamedEffect, parameters: list[EffectParameter]) -> FloatArray:
+    """Return that of an effect's parameters, in their units, (p, p)."""
+    hypothesis = diagnosis.hypothesis
+    weights = hypothesis.weights()
+    places = list(pairwise(accumulate((len(own) for own in weights), initial=0)))
+    first = len(weights) - len(hypothesis.items)  # workmanship stands before items
+    own = np.concatenate([np.arange(*places[first + k]) for k in effect.cause.indices])
+    units = np.concatenate(weights)[own] * np.array([p.prior_std for p in parameters])
+    covariance = hypothesis.coefficients()[1]
+    return np.asarray(units[:, None] * covariance[own[:, None], own] * units)
+
+
+def _driving_axis(diagnosis: Conclusions, effect: NamedEffect, name: str) -> Axis:
+    """Return what drives an effect: the drive's own value where drives' values do."""
+    given = diagnosis.rows.conditions
+    known = diagnosis.diagnoser.library.effects[effect.cause.effect]
+    drives = [channel(drive) for drive in given.robot.drives]
+    if name in drives and known.driver in of_drives(given.robot):
+        drive = given.robot.drives[drives.index(name)]
+        return Axis(f"{drive.words} [{drive.unit}]", given.drives[:, drives.index(name)])
+    return known.axis(given)
+
+
+def _unit(diagnosis: Conclusions, name: str) -> tuple[float, str]:
+    """Return the unit that a local parameter is shown in: its size in SI units and its name."""
+    if name == SCALE:
+        return 1e-6, "1e-6"
+    turns = {channel(drive): drive.unit == "rad" for drive in diagnosis.rows.conditions.robot.drives}
+    turning = turns.get(name, name.rpartition(".")[2].startswith("r"))
+    return (MRAD, "mrad") if turning else (MM, "mm")
+
+
 def _shape_panel(axes: Any, shape: Shape) -> None:
     """Draw what the campaign says of an effect's shape, with a band of two standard deviations, and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
@@ -205,29 +265,28 @@ def _evidence(diagnosis: Conclusions) -> str:
     heights = [1.0 + 0.3 * len(steps), *[3.1] * ((len(causes) + 1) // 2)]
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     axes = figure.add_subplot(grid[0, :])
-    values = [value for _, value in steps]
-    axes.barh(range(len(steps)), values, color=AFTER)
-    axes.set_yticks(range(len(steps)), [name for name, _ in steps], fontsize=8)
-    axes.invert_yaxis()
-    for k, value in enumerate(values):
-        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=8)
-    axes.margins(x=0.1)
+    _bars(axes, steps, AFTER, 8, margin=0.1)
     axes.set_xlabel("log evidence over workmanship alone [nats]", fontsize=8)
     for k, cause in enumerate(causes):
         _rival_panel(figure.add_subplot(grid[1 + k // 2, k % 2]), hypothesis, cause)
     return svg_of(figure)
 
 
+def _bars(axes: Any, named: list[tuple[str, float]], colour: Any, size: float, margin: float) -> None:
+    """Draw named values as bars from the top, each with its figure, in letters of a size."""
+    places = range(len(named))
+    axes.barh(places, [value for _, value in named], color=colour)
+    axes.set_yticks(places, [name for name, _ in named], fontsize=size)
+    axes.invert_yaxis()
+    for k, (_, value) in enumerate(named):
+        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=size)
+    axes.margins(x=margin)
+
+
 def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
     rivals = sorted(rival_margins(hypothesis, cause).items(), key=lambda item: item[1])
-    lost = [value for _, value in rivals]
     colours = [BEFORE if name in cause.alternatives else GREY for name, _ in rivals]
-    axes.barh(range(len(rivals)), lost, color=colours)
-    axes.set_yticks(range(len(rivals)), [name for name, _ in rivals], fontsize=7)
-    axes.invert_yaxis()
-    for k, value in enumerate(lost):
-        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=7)
-    axes.margins(x=0.15)
+    _bars(axes, rivals, colours, 7, margin=0.15)
     axes.tick_params(axis="x", labelsize=7)
     axes.set_title(f"instead of {cause.effect}", fontsize=9)
     orange = "; orange: cannot be told apart" if BEFORE in colours else ""
@@ -254,11 +313,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
-    n = len(diagnosis.rows)
-    given = diagnosis.rows.conditions
-    order = np.argsort(given.time_s, kind="stable")
-    place = np.empty(n, dtype=int)
-    place[order] = np.arange(n)
+    place = np.argsort(np.argsort(diagnosis.rows.conditions.time_s, kind="stable"))
     shown = _shown(diagnosis)
     for kind, colour in zip(KINDS, (AFTER, HELD_OUT, *COLOURS), strict=False):
         chosen = are(kind, linear.component) & shown[linear.row]

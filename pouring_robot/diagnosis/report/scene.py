@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -43,16 +42,11 @@ _NOISE = 30.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeenState:
-    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none.
+    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none."""
 
-    Attributes:
-        name: what it is.
-        model: by this robot, (n, 4, 4).
-        measured: as measured, through its frames, likewise; the model's rotation where only a position was measured.
-    """
-
-    name: str
-    model: FloatArray
+    name: str  # what it is
+    model: FloatArray  # by this robot, (n, 4, 4)
+    # as measured, through its frames, likewise; the model's rotation where only a position was measured
     measured: FloatArray
 
     @classmethod
@@ -60,11 +54,8 @@ class SeenState:
         """See the rows of a campaign with changes put into the robot."""
         seen = rows.predicted(changes, frames)
         turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)
-        both = [
-            _inside(frames, rotation, position)
-            for rotation, position in ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
-        ]
-        return cls(name, *both)
+        poses = ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
+        return cls(name, *(_inside(frames, *pose) for pose in poses))
 
     def gaps_m(self, tool: FloatArray) -> FloatArray:
         """Return how far the robot's working frame is from where it was measured, (n, 3), in the base's axes."""
@@ -170,10 +161,10 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     measured = world @ shown[rows]
     gaps = {state.name: state.gaps_m(tool) for state in states}
     sizes = {name: np.linalg.norm(gap, axis=1) for name, gap in gaps.items()}
-    body = (measured[:, None], _MEASURED_TINT)
-    robots = [SceneRobot("measured", ladle, body[0], tint=body[1])]
+    robots = [SceneRobot("measured", ladle, measured[:, None], tint=_MEASURED_TINT)]
     arrows = []
-    everywhere = _spread(np.flatnonzero(np.isfinite(_everywhere(states))))
+    everywhere = np.flatnonzero(np.isfinite(_everywhere(states)))
+    everywhere = everywhere[:: max(-(-everywhere.size // _MOST_ARROWS), 1)]  # as many as a picture can bear
     words = loops.working_frame.replace("_", " ")
     for state in states:
         moved = shown.copy()
@@ -238,11 +229,6 @@ def _taken_apart(
         elif part.name.rpartition("_")[0] not in BACKGROUND_LINKS:
             rest.addGeometryObject(part.copy())
     return ladle, rest
-
-
-def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return all rows, or as many as a picture can bear."""
-    return rows[:: -(-rows.size // _MOST_ARROWS)] if rows.size else rows
 
 
 def _caption(

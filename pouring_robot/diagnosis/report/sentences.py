@@ -38,9 +38,8 @@ def headline(diagnosis: Conclusions) -> str:
     verdict = diagnosis.verdict
     if verdict == "no_gap":
         if diagnosis.noise.from_residuals:
-            return (
-                "NO STRUCTURE: nothing the model lacks shows in these data; their noise is not stated, see the notes."
-            )
+            said = "nothing the model lacks shows in these data; their noise is not stated, see the notes."
+            return f"NO STRUCTURE: {said}"
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
         # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
@@ -57,19 +56,18 @@ def headline(diagnosis: Conclusions) -> str:
 
 
 def _names(effects: Sequence[NamedEffect]) -> str:
-    parts = []
-    for effect in effects:
-        cause = effect.cause
-        others = (
-            f" or {' or '.join(cause.alternatives)}" if cause.alternatives else f" ({sure_text(cause.probability)})"
-        )
-        parts.append(cause.effect + others)
-    return "; and ".join(parts) if any(e.cause.alternatives for e in effects) else " and ".join(parts)
+    causes = [effect.cause for effect in effects]
+    parts = [
+        " or ".join((c.effect, *c.alternatives)) if c.alternatives else f"{c.effect} ({sure_text(c.probability)})"
+        for c in causes
+    ]
+    return ("; and " if any(c.alternatives for c in causes) else " and ").join(parts)
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
-    """Return the gap before and after in one sentence."""
-    name, gap = diagnosis.shown_gap
+    """Return the gap before and after in one sentence: of held-out rows where there are any."""
+    gaps = diagnosis.gaps
+    name, gap = ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
     turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
     rotated = bool(np.isfinite(turned).all())
@@ -186,10 +184,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
         if cause.effect in names:
             beaten.setdefault(described(*found.process.split(" by ", 1)), []).append(cause.effect)
     for better, effects in beaten.items():
-        are = (
-            "are the nearest known effects but not it" if len(effects) > 1 else "is the nearest known effect but not it"
-        )
-        lines.append(f"{', '.join(effects)} {are}: '{better}' describes the data better")
+        are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
+        lines.append(f"{', '.join(effects)} {are} but not it: '{better}' describes the data better")
     if diagnosis.misfit:
         lines.insert(0, diagnosis.misfit)
     return lines or list(diagnosis.judgement.reasons)
@@ -296,45 +292,27 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
     at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
     said = [f"{_drive_text(measurement)}, at {at}" if measurement.in_drives else f"{at}, {turn}"]
     said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
-    kinds = [kind for kind in causes_of(robot).thermometers if kind.hot_rise_k]
-    warm = [
-        (f"{name}_degC", f"{word.removesuffix(' temperature')} at")
-        for k in kinds
-        for name, word in list(k.members.items())[:1]
-    ]
-    travels = [(f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels]
-    said += [
-        f"{words} {given[name]:.{digits}f} {unit}"
-        for name, words, digits, unit in (
-            ("payload_kg", "load", 0, "kg"),
-            *travels,
-            *((name, words, 0, "°C") for name, words in warm),
-        )
-        if name in given
-    ]
+    told = [("payload_kg", "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
+    for kind in causes_of(robot).thermometers:
+        if kind.hot_rise_k:
+            name, word = next(iter(kind.members.items()))
+            told.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
+    said += [f"{words} {given[name]:.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
     return ", ".join(said)
 
 
 def _drive_text(measurement: SuggestedMeasurement) -> str:
     """Return the commanded drives by the names of their columns, in mm and degrees."""
-    commands = (
-        drive.commanded(value) for drive, value in zip(measurement.robot.drives, measurement.drives, strict=True)
-    )
-    return ", ".join(
-        f"{drive.column} {command / MM:.1f} mm"
-        if drive.command == "length"
-        else f"{drive.column} {math.degrees(command):.2f}°"
-        for drive, command in zip(measurement.robot.drives, commands, strict=True)
-    )
+    said = []
+    for drive, value in zip(measurement.robot.drives, measurement.drives, strict=True):
+        command = drive.commanded(value)
+        shown = f"{command / MM:.1f} mm" if drive.command == "length" else f"{math.degrees(command):.2f}°"
+        said.append(f"{drive.column} {shown}")
+    return ", ".join(said)
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:
-    """Return headings and lines in the order they matter; empty sections are left out.
-
-    Args:
-        diagnosis: what was found.
-        short: whether only the most important sentences are wanted.
-    """
+    """Return headings and lines in the order they matter, if short the most important; empty sections are left out."""
     where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]

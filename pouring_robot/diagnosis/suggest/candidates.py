@@ -7,6 +7,7 @@ may have been set up anew, so that the new rows have frames of their own.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,8 +26,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -43,22 +43,17 @@ _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 _TRIES = 4
 _TURNED = 1e-9
 _ROUND_OFF = 1e-8
-_FRAME = 0.02
 _PROCESS = "process"
+_FRAME = 0.02
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
 
 
 @dataclass(frozen=True, eq=False)
 class EndPose:
-    """Where the end body is to stand in the base.
+    """Where the end body is to stand in the base."""
 
-    Attributes:
-        position_m: its origin, (3,).
-        rotation: its axes, (3, 3).
-    """
-
-    position_m: FloatArray
-    rotation: FloatArray
+    position_m: FloatArray  # its origin, (3,)
+    rotation: FloatArray  # its axes, (3, 3)
 
     @property
     def tilt_rad(self) -> float | None:
@@ -78,65 +73,38 @@ class EndPose:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Possible measurements.
+    """Possible measurements."""
 
-    Attributes:
-        poses: n poses of the end body.
-        drives: (n, drives) in m and rad.
-        hot: whether the machine is hot, (n,).
-        hours_later: after the last row of the campaign, (n,).
-        approach: (n, drives) +1 or -1; None where the campaign does not say it of every drive.
-        conditions: (n,) each by quantity name; only those that the campaign has.
-    """
-
-    poses: tuple[EndPose, ...]
-    drives: FloatArray
-    hot: NDArray[np.bool_]
-    hours_later: FloatArray
-    approach: FloatArray | None
-    conditions: dict[str, FloatArray]
+    poses: tuple[EndPose, ...]  # n poses of the end body
+    drives: FloatArray  # (n, drives) in m and rad
+    hot: NDArray[np.bool_]  # whether the machine is hot, (n,)
+    hours_later: FloatArray  # after the last row of the campaign, (n,)
+    approach: FloatArray | None  # (n, drives) +1 or -1; None where the campaign does not say it of every drive
+    conditions: dict[str, FloatArray]  # (n,) each by quantity name; only those that the campaign has
 
     def __len__(self) -> int:
         return len(self.poses)
 
 
-@dataclass(frozen=True, eq=False)
-class _Reach:
-    """Poses to draw from, and how far loads and travels may go.
-
-    Attributes:
-        poses: count poses.
-        drives: theirs, (count, drives).
-        payload_kg: largest payload.
-        travels: from where to where the base may stand, by name, in m.
-    """
-
-    poses: tuple[EndPose, ...]
-    drives: FloatArray
-    payload_kg: float
-    travels: dict[str, tuple[float, float]]
+Reach = tuple[Iterable[tuple[FloatArray, FloatArray]], FloatArray, float, dict[str, tuple[float, float]]]
+"""Places and axes of poses, their drives (count, drives), largest payload in kg, least and largest travels in m."""
 
 
-def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Reach:
+def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reach:
     """Return what can be measured: of the pouring robot its workspace, of any other what the campaign went through."""
     if model.robot is None:
         robot = PouringRobot(model)
         plan = random_plan(robot, count, seed)
-        poses = (pose.to_se3() for pose in plan.platform_poses)
+        poses = [pose.to_se3() for pose in plan.platform_poses]
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
-        places = tuple(EndPose(pose.translation, pose.rotation) for pose in poses)
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
-        return _Reach(places, plan.drives, robot.layout.ladle.payload.value, travels)
+        return [(p.translation, p.rotation) for p in poses], plan.drives, robot.layout.ladle.payload.value, travels
     drives, start = _between(campaign, model, count, seed)
-    places = tuple(EndPose(p, r) for p, r in zip(start.position, start.rotation, strict=True))
     given = campaign.conditions
-    travels = {
-        name: (float(np.nanmin(given[name])), float(np.nanmax(given[name])))
-        for name in campaign.robot.travels
-        if name in given
-    }
+    seen = {name: given[name] for name in campaign.robot.travels if name in given}
+    travels = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seen.items()}
     payload = float(np.nanmax(given["payload"])) if "payload" in given else 0.0
-    return _Reach(places, drives, payload, travels)
+    return zip(start.position, start.rotation, strict=True), drives, payload, travels
 
 
 def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
@@ -157,15 +125,8 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
 
 
 def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
-    """Return measurements that could follow a campaign, drawn within limits.
-
-    Args:
-        campaign: its conditions are those that can be recorded.
-        model: the robot: what can be reached and carried.
-        count: how many.
-        seed: of the draw.
-    """
-    reach = _reach(campaign, model, count, seed)
+    """Return so many measurements that could follow a campaign, drawn within what can be reached and recorded."""
+    poses, drives, payload_kg, travels = _reach(campaign, model, count, seed)
     random = np.random.default_rng([seed, 7])
     block = np.sort(np.arange(count) % len(_BLOCKS))
     after_h, hot = np.array([_BLOCKS[k][0] for k in block]), np.array([_BLOCKS[k][1] for k in block])
@@ -174,22 +135,18 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     last = 0.0 if campaign.time_s is None else float(np.nanmax(campaign.time_s))
     reference = campaign.metadata.reference_temperature_degC
     cold = REFERENCE_DEGC if reference is None else reference
-    approach = random.choice([-1.0, 1.0], reach.drives.shape)
+    approach = random.choice([-1.0, 1.0], drives.shape)
     made: dict[str, FloatArray] = {
         "time": last + _HOUR_S * later,
-        "payload": random.choice(np.array([0.0, 0.5, 1.0]) * reach.payload_kg, count),
+        "payload": random.choice(np.array([0.0, 0.5, 1.0]) * payload_kg, count),
     }
-    made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in reach.travels.items()}
+    made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in travels.items()}
     for kind in causes_of(campaign.robot).thermometers:
         made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
-    recorded = approach if _recorded(campaign.approach) else None
-    return Candidates(reach.poses, reach.drives, hot, later, recorded, kept)
-
-
-def _recorded(values: FloatArray | None) -> bool:
-    """Return whether a campaign says a condition: no column of it is empty."""
-    return values is not None and bool(np.isfinite(values.reshape(len(values), -1)).any(axis=0).all())
+    sides = campaign.approach  # they are recorded where no column of them is empty
+    recorded = None if sides is None or not np.isfinite(sides).any(axis=0).all() else approach
+    return Candidates(tuple(EndPose(*pose) for pose in poses), drives, hot, later, recorded, kept)
 
 
 def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray[np.bool_]) -> FloatArray:
@@ -206,17 +163,7 @@ Item = TypeVar("Item", Explanation, Workmanship)
 
 
 class Prospect:
-    """Explanations of a campaign, with what they would predict of possible measurements.
-
-    Args:
-        diagnosis: of the campaign.
-        possible: the measurements.
-
-    Attributes:
-        problem: the fitted rows of the campaign and all explanations.
-        components: measured of a pose, 3 or 6.
-        frames: columns of the new rows' own frames, times their usual size, (n * components, 12).
-    """
+    """Explanations of a campaign, with what they would predict of possible measurements."""
 
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
@@ -227,16 +174,17 @@ class Prospect:
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
-        self.components = int(new.sum()) // len(possible)
+        self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
         self._nuisance = Nuisance.of(self._linear.free)
-        self._new_columns: dict[str | tuple[str, str], FloatArray] = {}
+        self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
+        # The fitted rows of the campaign and all explanations.
         self.problem = Problem(given.residual, given.nuisance, tuple(workmanship), tuple(found))
-        self._described: dict[str, tuple[Part, ...]] = {}
+        # Columns of the new rows' own frames, times their usual size, (n * components, 12).
         self.frames = _FRAME * self._linear.frame_columns[self._new]
 
     def _with_new_rows(self, items: Iterable[Item], given: Problem, before: Sequence[Item]) -> Iterator[Item]:
@@ -244,20 +192,21 @@ class Prospect:
 
         Columns that are as they were before there were new rows are not held twice.
         """
-        held = {_key(item): item.columns for item in before}
+        held = {item.key: item.columns for item in before}
         for item in items:
             columns = self._nuisance.cleared(item.columns)
-            self._new_columns[_key(item)] = columns[self._new]
+            self._new_columns[item.key] = columns[self._new]
             old = given.nuisance.cleared(columns[self._old])
-            known = held.get(_key(item), old)
+            known = held.get(item.key, old)
             yield replace(item, columns=known if _alike(known, old) else old)
+
+    @cached_property
+    def _described(self) -> dict[str, tuple[Part, ...]]:
+        found = processes_of(self._rows, self._linear, self._after.frames.T_tracker_base.rotation)
+        return {p.name: next(iter(p.lengths.values())) for p in found}
 
     def explanation(self, name: str) -> Explanation | None:
         """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
-        if not self._described:
-            axes = self._after.frames.T_tracker_base.rotation
-            found = processes_of(self._rows, self._linear, axes)
-            self._described = {p.name: next(iter(p.lengths.values())) for p in found}
         if name not in self._described:
             return None
         columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
@@ -265,9 +214,8 @@ class Prospect:
 
     def new_columns(self, item: Explanation | Workmanship) -> FloatArray:
         """Return the columns of an explanation or of workmanship in the new rows."""
-        if isinstance(item, Explanation) and item.form == _PROCESS:
-            return columns_of(self._described[item.effect])[self._new]
-        return self._new_columns[_key(item)]
+        known = self._new_columns.get(item.key)
+        return columns_of(self._described[item.effect])[self._new] if known is None else known
 
 
 def _alike(one: FloatArray, other: FloatArray) -> bool:
@@ -275,10 +223,6 @@ def _alike(one: FloatArray, other: FloatArray) -> bool:
     if one.shape != other.shape:
         return False
     return bool((np.abs(one - other).max(axis=0) <= _ROUND_OFF * np.abs(one).max(axis=0)).all())
-
-
-def _key(item: Explanation | Workmanship) -> str | tuple[str, str]:
-    return item.effect if isinstance(item, Workmanship) else item.key
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:

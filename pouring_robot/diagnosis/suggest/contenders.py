@@ -13,7 +13,6 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
 
 MOST_RIVALS = 3
 NOTHING = "nothing"
@@ -21,17 +20,11 @@ NOTHING = "nothing"
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """An explanation of the campaign.
+    """An explanation of the campaign."""
 
-    Attributes:
-        name: what explains: an effect's id, or a description in words.
-        hypothesis: the whole of it.
-        log_evidence: its own, in nats, up to a constant of the campaign.
-    """
-
-    name: str
-    hypothesis: Hypothesis
-    log_evidence: float
+    name: str  # what explains: an effect's id, or a description in words
+    hypothesis: Hypothesis  # the whole of it
+    log_evidence: float  # its own, in nats, up to a constant of the campaign
 
     @classmethod
     def of(cls, name: str, hypothesis: Hypothesis) -> Contender:
@@ -95,7 +88,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
     named = [(structure.process.name, best) for structure in judgement.structures]
-    for cause, challenge in zip(judgement.causes, judgement.challenges, strict=False):
+    for cause, challenge in judgement.challenged:
         if challenge.margin > 0.0:
             named.append((challenge.process, _less(best, cause)))
     found: dict[str, Contender] = {}
@@ -121,15 +114,3 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
         seen[item.effect] = (worth, item)
     least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
     return [Contender.of(item.effect, best.beside(item, Scale(1.0))) for _, item in least]
-
-
-def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
-    """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    workmanship = [
-        prospect.new_columns(b)
-        for level, b in zip(hypothesis.levels, prospect.problem.workmanship, strict=True)
-        if level
-    ]
-    columns = [*workmanship, *(prospect.new_columns(item) for item in hypothesis.items)]
-    scaled = [own * weights for own, weights in zip(columns, hypothesis.weights(), strict=True)]
-    return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])

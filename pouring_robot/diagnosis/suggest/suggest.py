@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +11,10 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names, condition_columns
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
-from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
-from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.diagnosis.suggest.contenders import Contender, contest
+from pouring_robot.effects.base import Effect
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.io.threads import one_blas_thread
@@ -24,31 +26,21 @@ MOST = 10
 RANDOM_SETS = 50
 _CANDIDATES = 75
 _LITTLE_NATS = 3.0
+_OPEN = "measure where the two predict most apart: the poses listed"
 
 
 @dataclass(frozen=True, eq=False)
 class SuggestedMeasurement:
-    """One pose under some conditions.
+    """One pose under some conditions."""
 
-    Attributes:
-        robot: that is measured.
-        pose: of the end body in the base.
-        drives: commanded, (drives,), in m and rad.
-        conditions: by the column names of a campaign file, in the units they carry.
-        hours_later: after the last row of the campaign.
-        rank: 1 for the measurement that tells most, and so on: who can make only some makes these.
-        separates: the two explanations it tells apart best.
-        nats: by how much their log evidence difference is expected to grow, given the measurements of a lower rank.
-    """
-
-    robot: RobotDefinition
-    pose: EndPose
-    drives: FloatArray
-    conditions: dict[str, float]
-    hours_later: float
-    rank: int
-    separates: tuple[str, str]
-    nats: float
+    robot: RobotDefinition  # that is measured
+    pose: EndPose  # of the end body in the base
+    drives: FloatArray  # commanded, (drives,), in m and rad
+    conditions: dict[str, float]  # by the column names of a campaign file, in the units they carry
+    hours_later: float  # after the last row of the campaign
+    rank: int  # 1 for the measurement that tells most, and so on: who can make only some makes these
+    separates: tuple[str, str]  # the two explanations it tells apart best
+    nats: float  # by how much their log evidence difference is expected to grow, given the measurements of a lower rank
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
@@ -85,44 +77,29 @@ class SuggestedMeasurement:
 
 @dataclass(frozen=True)
 class Separation:
-    """What the measurements do for one pair of explanations.
+    """What the measurements do for one pair of explanations."""
 
-    Attributes:
-        first: the better explanation so far.
-        second: the other one.
-        now_nats: by how much the log evidence of the first is larger so far.
-        expected_nats: by how much the difference is expected to grow, for whichever of the two is right.
-        random_nats: the same for as many measurements chosen at random: median.
-        words: how to tell them apart.
-    """
-
-    first: str
-    second: str
-    now_nats: float
-    expected_nats: float
-    random_nats: float
-    words: str
+    first: str  # the better explanation so far
+    second: str  # the other one
+    now_nats: float  # by how much the log evidence of the first is larger so far
+    expected_nats: float  # by how much the difference is expected to grow, for whichever of the two is right
+    random_nats: float  # the same for as many measurements chosen at random: median
+    words: str  # how to tell them apart
 
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """What to measure next.
+    """What to measure next."""
 
-    Attributes:
-        measurements: in the order in which to make them; none where nothing is to be told apart.
-        separations: pairs of explanations.
-        expected_nats: how far all pairs come apart together: a geometric mean.
-        random_nats: the same of random choices among the same candidates, one a set, (sets,).
-        advice: what else would help, one line each.
-        seed: of the candidates and the random choices.
-    """
-
+    # in the order in which to make them; none where nothing is to be told apart
     measurements: tuple[SuggestedMeasurement, ...]
-    separations: tuple[Separation, ...]
-    expected_nats: float
+    separations: tuple[Separation, ...]  # pairs of explanations
+    expected_nats: float  # how far all pairs come apart together: a geometric mean
+    # the same of random choices among the same candidates, one a set, (sets,)
     random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
-    advice: tuple[str, ...] = ()
-    seed: int = 0
+    advice: tuple[str, ...] = ()  # what else would help, one line each
+    seed: int = 0  # of the candidates and the random choices
+    failed: str = ""  # why there is nothing; "" where that is no failure
 
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
@@ -217,8 +194,11 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
 
 def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
     """Return what a contender, fitted to the campaign, predicts of the candidates."""
-    mean, covariance = contender.hypothesis.coefficients()
-    columns = scaled_columns(contender.hypothesis, prospect)
+    hypothesis = contender.hypothesis
+    mean, covariance = hypothesis.coefficients()
+    groups = zip(hypothesis.fitted, hypothesis.weights(), strict=True)
+    scaled = [prospect.new_columns(own) * weights for own, weights in groups]
+    columns = np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])
     spread = columns @ covariance @ columns.T + prospect.frames @ prospect.frames.T
     return Prediction(columns @ mean, spread + np.eye(len(columns)))
 
@@ -246,3 +226,23 @@ def _measurement(
         names[best],
         float(gains[best]),
     )
+
+
+def separating_words(first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions) -> str:
+    """Return how to tell two explanations, effects or not, apart: by what was held still, else by what differs."""
+    both = [effects[name] for name in (first, second) if name in effects]
+    ways = [(effect.driver, effect.separation(conditions)) for effect in both]
+    known = [(driver, how) for driver, how in ways if how]
+    still = [how for driver, how in known if held_still(driver, conditions)]
+    free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]
+    chosen = still or free or [how for _, how in known]
+    return "; ".join(dict.fromkeys(chosen)) or _OPEN
+
+
+def untestable_words(untestable: Mapping[str, tuple[str, ...]], robot: RobotDefinition) -> tuple[str, ...]:
+    """Return what to record so that effects can be tested, by the conditions that the campaign lacks, one line each."""
+    lines: dict[str, list[str]] = {}
+    for effect, lacking in untestable.items():
+        for name in lacking:
+            lines.setdefault(facts_of(name, robot).record or name, []).append(effect)
+    return tuple(f"record {what}: without it {', '.join(effects)} cannot be tested" for what, effects in lines.items())

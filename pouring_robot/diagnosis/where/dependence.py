@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.diagnosis.processes import CHANCE, CONSTANT, SIDE, Places, disagreements_of
-from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
-from pouring_robot.diagnosis.where.ranks import rank_correlation
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.fit import rank_correlation
+from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import rms
 
 _MOST, _NOISE_ROUNDS = 12, 3
 _MONOTONE = 0.8
@@ -22,15 +21,10 @@ _MINOR = 0.25
 
 
 def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Finding]:
-    """Return what the residuals depend on, largest part first.
+    """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
     1963), so that the number of processes tried over B is a p-value.
-
-    Args:
-        data: residuals, of which nothing but the frames is known.
-        given: the conditions of their rows.
-        alpha: probability of any finding by noise alone.
     """
     found: list[Summand] = []
     for _ in range(1 if data.noise_known else _NOISE_ROUNDS):
@@ -76,7 +70,7 @@ def _finding(
         text += f"; {quiet}"
     p_value = float(min(tried * np.exp(-main.evidence), 1.0))
     channel = main.process.lengths[main.length][0].channel
-    return Finding(CONDITION, f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
+    return Finding("condition", f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
 
 
 def _size(item: Summand) -> tuple[float, bool]:
@@ -91,7 +85,8 @@ def _opening(main: Summand, given: Conditions) -> str:
         return _OPENINGS[by]
     if by.startswith("own "):
         return f"Repeats along its {by} in {main.length}"
-    label, values = _axis(by, given)
+    axes = (facts.axis(given) for facts in known_facts(given.robot).values() if facts.word == by)
+    label, values = next(axes, ("", None))
     if values is None or np.ptp(values) == 0.0:
         return f"Depends on the {by}"
     low, high = np.quantile(values, [0.025, 0.975])
@@ -106,14 +101,6 @@ _OPENINGS = {
     SIDE: "Depends on the side of approach",
     "session": "Differs between sessions",
 }
-
-
-def _axis(by: str, given: Conditions) -> tuple[str, FloatArray | None]:
-    """Return label and values of a condition that is one number a row, by its name in sentences."""
-    for facts in known_facts(given.robot).values():
-        if facts.word == by:
-            return facts.axis(given)
-    return "", None
 
 
 def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: float, turning: bool) -> str:

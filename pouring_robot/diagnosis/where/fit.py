@@ -1,15 +1,22 @@
-"""How much model and measurement disagree: against the noise, by component, and against repeats of a command."""
+"""How much model and measurement disagree: against the noise, by component, between repeats, by region."""
+
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from pouring_robot.diagnosis.processes import shown
-from pouring_robot.diagnosis.where.finding import COMPONENT, LACK_OF_FIT, REPEATS, Finding, size_text
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.arrays import FloatArray
 
 _SAME_DRIVE = 1e-6
+_FEWEST = 6
+_LARGER = 1.3
+_HEIGHTS = ("low", "at middle height", "high")
+_TILTS = ("tilted back", "half tilted", "tilted far forward")
 
 
 def _rms(data: FreeResiduals, turning: bool) -> float:
@@ -24,7 +31,7 @@ def overall(data: FreeResiduals, freedoms: int) -> Finding:
     parts = [(_rms(data, False), False)] + ([(_rms(data, True), True)] if data.turning.any() else [])
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
     times = f": {np.sqrt(total / freedoms):.1f} times the noise" if data.noise_known else ""
-    return Finding(LACK_OF_FIT, f"Model and measurement disagree by {sizes}{times}.", parts[0][0], p_value)
+    return Finding("lack of fit", f"Model and measurement disagree by {sizes}{times}.", parts[0][0], p_value)
 
 
 def components(data: FreeResiduals) -> list[Finding]:
@@ -47,7 +54,7 @@ def components(data: FreeResiduals) -> list[Finding]:
         name, turning = component_name(k), 3 <= k < 6
         noise = f" (noise {size_text(sigma, turning)})" if data.noise_known else ""
         sentence = f"{name} disagrees by {size_text(size, turning)} rms{noise}."
-        found.append(Finding(COMPONENT, sentence, size, p_value, name, turning=turning))
+        found.append(Finding("component", sentence, size, p_value, name, turning=turning))
     return sorted(found, key=lambda f: (f.turning, -f.size))
 
 
@@ -92,4 +99,82 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
         f"The same command gives poses {size_text(size)} rms apart when repeated "
         f"(noise {size_text(float(data.sigma[repeated][chosen][0]))}): something besides the pose changes."
     )
-    return [Finding(REPEATS, sentence, size, p_value)]
+    return [Finding("repeats", sentence, size, p_value)]
+
+
+def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
+    """Return all regions with enough rows, the most significant first.
+
+    Each row counts with its sum of squares over what noise would make after the frames were fitted. The p-value is that
+    of a one-sided Mann-Whitney test of a region's rows against the others; 1 if it is not larger by 30 %, too.
+    """
+    n = len(given)
+    expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
+    score = np.bincount(data.row, data.cleared**2, n) / np.maximum(expected, 1e-12)
+    positions = ~data.turning
+    squares = np.bincount(data.row[positions], ((data.cleared * data.sigma) ** 2)[positions], n)
+    counts = np.bincount(data.row[positions], minlength=n)
+    seen = expected > 1e-9
+    found = []
+    for words, inside in _parts(given):
+        here, there = inside & seen, ~inside & seen
+        if min(here.sum(), there.sum()) < _FEWEST or not (counts[here].any() and counts[there].any()):
+            continue
+        p_value = larger(score[here], score[there])
+        inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
+        sizes = f"{size_text(inside_m)} rms there, {size_text(outside_m)} elsewhere"
+        sentence = f"Largest where the {given.causes.words.moved} is {words}: {sizes}."
+        p_value = 1.0 if inside_m < _LARGER * outside_m else p_value
+        found.append(Finding("region", sentence, inside_m, p_value, condition=words))
+    return sorted(found, key=lambda finding: finding.p_value or 0.0)
+
+
+def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    x, y, z = given.position_m.T
+    height, tilt = _third(z), None if given.tilt_rad is None else _third(given.tilt_rad)
+    for k, high in enumerate(_HEIGHTS):
+        if height is not None:
+            yield high, height == k
+        for j, tilted in enumerate(_TILTS):
+            if height is not None and tilt is not None:
+                yield f"{high} and {tilted}", (height == k) & (tilt == j)
+    if tilt is not None:
+        for j, tilted in enumerate(_TILTS):
+            yield tilted, tilt == j
+    for name, values in (("x", x), ("y", y)):
+        if np.ptp(values) > 1e-6:
+            yield f"at small {name}", values < np.median(values)
+            yield f"at large {name}", values >= np.median(values)
+
+
+def _third(values: FloatArray) -> NDArray[np.intp] | None:
+    """Return 0, 1 or 2 by thirds of the rows; None where the value hardly varies."""
+    if np.ptp(values) < 0.02:
+        return None
+    return np.asarray(np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values))
+
+
+def ranks(values: FloatArray) -> FloatArray:
+    """Return the rank of each value from 1, (n,); equal ones share the mean of theirs."""
+    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(counts)
+    return np.asarray((last - 0.5 * (counts - 1))[which])
+
+
+def rank_correlation(first: FloatArray, second: FloatArray) -> float:
+    """Return Spearman's rank correlation of two courses (n,)."""
+    return float(np.corrcoef(ranks(first), ranks(second))[0, 1])
+
+
+def larger(these: FloatArray, others: FloatArray) -> float:
+    """Return the p-value that some values are larger than others by chance alone: Mann and Whitney's, one-sided.
+
+    By the normal distribution, corrected for ties and continuity; of few values it is too careful in the tail, as their
+    sum of ranks is bounded (Mann & Whitney, Annals of Mathematical Statistics 18, 1947).
+    """
+    m, n = len(these), len(others)
+    every = np.concatenate([these, others])
+    won = ranks(every)[:m].sum() - 0.5 * m * (m + 1)
+    _, ties = np.unique(every, return_counts=True)
+    spread = m * n / 12.0 * (m + n + 1 - float((ties**3 - ties).sum()) / ((m + n) * (m + n - 1)))
+    return float(ndtr((0.5 * m * n + 0.5 - won) / np.sqrt(spread))) if spread > 0.0 else 1.0

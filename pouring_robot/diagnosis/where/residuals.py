@@ -1,43 +1,34 @@
-"""Residuals of a model of which only two frames were fitted: what "where do they disagree" is asked of."""
+"""Residuals that "where do they disagree" is asked of, and what is said of them: a record, a sentence, an entry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.estimation.instruments import are
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 
 @dataclass(frozen=True, eq=False)
 class FreeResiduals:
-    """Residuals of a model of which only two frames were fitted.
+    """Residuals of a model of which only two frames were fitted."""
 
-    Attributes:
-        residual: measured minus predicted over the noise, shape (m,).
-        row: row of each equation, (m,).
-        component: component of each equation in the tracker's axes, (m,).
-        sigma: noise of each equation, (m,), in m or rad.
-        nuisance: what the frames can explain.
-        axes: axes of the base in the tracker's frame, (3, 3).
-        drives: whitened derivative of the prediction by the drives, (m, D), per m and rad.
-        noise_known: False where ``sigma`` was guessed or taken from these very residuals.
-        noise_freedoms: degrees of freedom of an estimated noise (from repeats); infinite where it was stated.
-    """
-
-    residual: FloatArray
-    row: NDArray[np.intp]
-    component: NDArray[np.intp]
-    sigma: FloatArray
-    nuisance: Nuisance
-    axes: FloatArray
-    drives: FloatArray
-    noise_known: bool = True
+    residual: FloatArray  # measured minus predicted over the noise, shape (m,)
+    row: NDArray[np.intp]  # row of each equation, (m,)
+    component: NDArray[np.intp]  # component of each equation in the tracker's axes, (m,)
+    sigma: FloatArray  # noise of each equation, (m,), in m or rad
+    nuisance: Nuisance  # what the frames can explain
+    axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
+    drives: FloatArray  # whitened derivative of the prediction by the drives, (m, D), per m and rad
+    noise_known: bool = True  # False where ``sigma`` was guessed or taken from these very residuals
+    # degrees of freedom of an estimated noise (from repeats); infinite where it was stated
     noise_freedoms: float = float("inf")
 
     @cached_property
@@ -70,3 +61,32 @@ class FreeResiduals:
             nuisance=Nuisance.of(self.nuisance.axes / factor[:, None]),
             drives=self.drives / factor[:, None],
         )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing said of the disagreement."""
+
+    what: Literal["lack of fit", "repeats", "component", "condition", "region"]
+    sentence: str  # in words
+    size: float  # root mean square, or the span of what a condition does, in m or rad
+    p_value: float | None  # probability that noise alone makes as much anywhere; None where the noise is not known
+    component: str = ""  # in which component it is largest; "" for all together
+    turning: bool = False  # whether it counts in rad
+    condition: str = ""  # condition or region; "" for none
+    rivals: tuple[str, ...] = ()  # conditions that went along and would explain it as well
+    share: float = 1.0  # of the sum of squares, what this condition explains beside those before it
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as ``diagnosis.json`` holds it."""
+        size = {"size_mrad": self.size / MRAD} if self.turning else {"size_mm": self.size / MM}
+        out = {"what": self.what, "component": self.component, "condition": self.condition, **size}
+        out |= {"p_value": self.p_value, "sentence": self.sentence}
+        return out | ({"or": list(self.rivals)} if self.rivals else {})
+
+
+def size_text(size: float, turning: bool = False) -> str:
+    """Return a size in m or rad as mm or mrad, two figures."""
+    value = size / (MRAD if turning else MM)
+    digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 1.0 else 1
+    return f"{value:.{digits}f} {'mrad' if turning else 'mm'}"

@@ -1,9 +1,5 @@
 """Where model and measurement disagree: by component, region and condition, in figures and in plain sentences.
 
-    where = disagreements(diagnosis.free_residuals, rows.conditions)   # the given model, only the two frames fitted
-    where.sentences                                 # most important first
-    where.as_json()                                 # "where" of diagnosis.json
-
 Everything that is called significant has passed Holm's correction over all tests made, or a Bayes factor that stands
 for as much, at the level given: with noise alone nothing is found with that probability. Sizes are in the base's axes.
 """
@@ -13,10 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.where.dependence import dependence, untested
-from pouring_robot.diagnosis.where.finding import COMPONENT, REGION, Finding, size_text
-from pouring_robot.diagnosis.where.fit import components, overall, repeats
-from pouring_robot.diagnosis.where.regions import regions
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.fit import components, overall, regions, repeats
+from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.threads import one_blas_thread
@@ -28,25 +22,19 @@ _MINOR_SHARE = 0.005
 
 @dataclass(frozen=True)
 class Where:
-    """Where model and measurement disagree.
+    """Where model and measurement disagree."""
 
-    Attributes:
-        findings: what is significant, most important first.
-        notes: what could not be looked at, and why.
-        base: the body whose axes components are in.
-    """
-
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]
-    base: str
+    findings: tuple[Finding, ...]  # what is significant, most important first
+    notes: tuple[str, ...]  # what could not be looked at, and why
+    base: str  # the body whose axes components are in
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What was found in words, then notes; what makes less than a 14th of it (rms) is left out."""
-        by_component = [item for item in self.findings if item.what == COMPONENT]
+        by_component = [item for item in self.findings if item.what == "component"]
         found: list[str] = []
         for item in self.findings:
-            if item.what != COMPONENT and item.share >= _MINOR_SHARE:
+            if item.what != "component" and item.share >= _MINOR_SHARE:
                 found.append(item.sentence)
             elif by_component and item is by_component[0]:
                 sizes = ", ".join(f"{f.component} by {size_text(f.size, f.turning)}" for f in by_component)
@@ -62,12 +50,8 @@ class Where:
 def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.01) -> Where:
     """Return where model and measurement disagree.
 
-    Half of ``alpha`` goes to lack of fit, components, repeats and regions, half to dependence on conditions.
-
-    Args:
-        data: m whitened residuals of n rows; the model with only the two frames fitted.
-        conditions: of the n rows.
-        alpha: probability of any finding by noise alone.
+    Of the probability ``alpha`` of any finding by noise alone half goes to lack of fit, components, repeats and
+    regions, half to dependence on conditions.
 
     Raises:
         BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
@@ -92,9 +76,9 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     general = _judged(general, 0.5 * alpha)
     # How much first, then what it depends on, then where in the workspace.
     findings = (
-        *(f for f in general if f.what != REGION),
+        *(f for f in general if f.what != "region"),
         *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
-        *[f for f in general if f.what == REGION][:1],
+        *[f for f in general if f.what == "region"][:1],
     )
     return Where(findings, tuple(noted), conditions.causes.words.base)
 
