@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
-from pouring_robot.calibration.amend import amended_model
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
-from pouring_robot.calibration.metrics import Misfit, pose_performance
-from pouring_robot.calibration.selection import Selection, select_groups
+from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
+from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
@@ -99,7 +96,7 @@ class Calibration(Result, CalibrationFindings):
         Raises:
             OutputError: the folder cannot be written to.
         """
-        from pouring_robot.calibration.export import write_calibration
+        from pouring_robot.calibration.report import write_calibration
 
         return write_calibration(self, folder)
 
@@ -160,7 +157,6 @@ def calibrate(
     if refused:
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
-    calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
     # By how much residuals exceed the noise, where that is no accident.
     freedom = fit.freedom()
     accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, fit.chi_square()) >= _SURE
@@ -173,7 +169,7 @@ def calibrate(
     return Calibration(
         campaign=campaign,
         present=model,
-        calibrated=calibrated,
+        calibrated=chosen.model.amended(fit.unknowns.parameters),
         flags=flags,
         left_out=left_out,
         split=parts,

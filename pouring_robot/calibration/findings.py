@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.calibration.acceptance import Refusal
-from pouring_robot.calibration.ladle import LadleUncertainty
-from pouring_robot.calibration.metrics import Misfit, PosePerformance
-from pouring_robot.calibration.selection import Selection
+from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance
+from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.identifiability import BaseParameters

@@ -28,7 +28,7 @@ from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
@@ -200,6 +200,27 @@ class MeasurementModel:
         offsets = self.model.drive_offset_values()
         own = np.array([offsets.get(name, 0.0) for name in self.engine.structure.mechanism.loops.drives])
         return own if values is None else np.asarray(self._drives @ values[: len(self.parameters)] + own)
+
+    def amended(self, values: FloatArray) -> RobotModel:
+        """Return the present robot with parameter values (P,), in m and rad, added.
+
+        Placements are composed exactly, drive offsets summed.
+
+        Raises:
+            CalibrationError: the result is too large to be an error of a robot.
+        """
+        structure = self.engine.structure
+        errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
+        placements = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in errors if error.any()}
+        added = (self.drive_errors(values) - self.drive_errors(None)).tolist()
+        drives = {name: own for name, own in zip(structure.mechanism.loops.drives, added, strict=True) if own}
+        amended = self.model.displaced(placements, drives)
+        try:
+            amended.check_errors()
+        except BadInputError as problem:
+            mend = "check units and drive zeros of the campaign, or the model's layout"
+            raise CalibrationError(f"the fit is not credible: {problem}", mend) from problem
+        return amended
 
     def moved_parameters(self, errors: FloatArray) -> tuple[LocalParameter, ...]:
         """Return the parameters as twists on top of placements displaced by ``errors`` (sites, 6).

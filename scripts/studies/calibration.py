@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.calibration.amend import amended_model
 from pouring_robot.calibration.movements import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
@@ -183,7 +182,7 @@ def virtual_campaign(
     Raises:
         CampaignError: the robot cannot take a pose.
     """
-    actual = PouringRobot(amended_model(RobotModel(), model, truth))
+    actual = PouringRobot(model.amended(truth))
     plan = random_plan(drawing, options.rows, seed)
     noise = MeasurementOptions(options.sigma_position_m, options.sigma_rotation_rad, seed=seed)
     return simulate_campaign(actual, plan, noise).campaign

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
+from pouring_robot.calibration.metrics import ladle_uncertainty, workspace_rows
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.map_fit import first_frames, identify
 from tests.estimation.virtual import Virtual, model_of
