@@ -72,8 +72,21 @@ class Unknowns:
         return self.start.moved(self.values)
 
 
+class Differentiated:
+    """What may carry a Jacobian by the unknowns."""
+
+    jacobian: FloatArray | None
+
+    @property
+    def derivatives(self) -> FloatArray:
+        """The Jacobian; raises BadInputError if only the prediction was asked for."""
+        if self.jacobian is None:
+            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+        return self.jacobian
+
+
 @dataclass(frozen=True, eq=False)
-class Prediction(PoseStack):
+class Prediction(PoseStack, Differentiated):
     """What the tracker should see of n rows: poses of the target in its frame, NaN where a row does not close."""
 
     status: NDArray[np.uint8]  # 0 closed, 1 not converged or singular, 2 left open too far, 3 no pose has these drives
@@ -100,17 +113,6 @@ class Prediction(PoseStack):
     def closed(self) -> BoolArray:
         """Which rows have a prediction, shape (n,)."""
         return np.asarray(self.status == 0)
-
-    @property
-    def derivatives(self) -> FloatArray:
-        """The Jacobian.
-
-        Raises:
-            BadInputError: only the prediction was asked for.
-        """
-        if self.jacobian is None:
-            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-        return self.jacobian
 
 
 class MeasurementModel:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -13,45 +13,57 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
 Source = Literal["stated", "repeats", "residuals", "none"]
-FIRST_GUESS_M, FIRST_GUESS_RAD = 1e-3, 1e-3
+FIRST_GUESS = 1e-3
 LEAST_NOISE = 1e-9  # m or rad
 
 
 @dataclass(frozen=True)
-class NoiseLevel:
-    """Standard deviations of one measured component."""
+class Noise:
+    """The noise of one kind of instrument."""
 
-    position_m: float  # of a coordinate, in m
-    rotation_rad: float  # of a rotation component, in rad
-    position_source: Source  # where the figure comes from; ``none``: nothing of it was measured
-    rotation_source: Source  # the same for rotations
-    position_freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`freedoms`
-    rotation_freedoms: float = float("inf")  # the same for rotations
-    distance_m: float = FIRST_GUESS_M  # of a distance, in m; ``closure_m`` of what redundant drives disagree by
-    closure_m: float = FIRST_GUESS_M
-    distance_source: Source = "none"  # where that comes from; ``closure_source`` likewise
-    closure_source: Source = "none"
+    sigma: float = FIRST_GUESS  # standard deviation of a component, in m or rad
+    source: Source = "none"  # where the figure comes from; ``none``: nothing of the kind was measured
+    freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.freedoms`
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """The noise of every kind."""
+
+    kinds: Mapping[Kind, Noise]  # a kind that is left out was not measured
 
     @classmethod
     def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
         """Return the noise of a device; None: it measures positions only."""
-        if rotation_rad is None:
-            return cls(position_m, FIRST_GUESS_RAD, "stated", "none")
-        return cls(position_m, rotation_rad, "stated", "stated")
+        rotation = Noise() if rotation_rad is None else Noise(rotation_rad, "stated")
+        return cls({"position": Noise(position_m, "stated"), "rotation": rotation})
+
+    def __getitem__(self, kind: Kind) -> Noise:
+        """Return the noise of a kind."""
+        return self.kinds.get(kind, Noise())
 
     def of(self, kind: Kind) -> float:
         """Return the standard deviation of a component of a kind, in m or rad."""
-        return float(getattr(self, field_of(kind)))
+        return self[kind].sigma
 
     def source(self, kind: Kind) -> Source:
         """Return where that comes from; ``none``: nothing of the kind was measured."""
-        source: Source = getattr(self, f"{kind}_source")
-        return source
+        return self[kind].source
+
+    @property
+    def position_m(self) -> float:
+        """Standard deviation of a coordinate, in m."""
+        return self.of("position")
+
+    @property
+    def rotation_rad(self) -> float:
+        """Standard deviation of a rotation component, in rad."""
+        return self.of("rotation")
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
         """Return other sizes; exact data have none, but a noise must be positive."""
-        changed: dict[str, Any] = {field_of(kind): max(self.of(kind) * f, LEAST_NOISE) for kind, f in factors.items()}
-        return replace(self, **changed)
+        changed = {k: replace(self[k], sigma=max(self.of(k) * f, LEAST_NOISE)) for k, f in factors.items()}
+        return NoiseLevel({**self.kinds, **changed})
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:
@@ -81,7 +93,7 @@ class NoiseLevel:
     @property
     def turned(self) -> bool:
         """Whether rotations were measured."""
-        return self.rotation_source != "none"
+        return self.source("rotation") != "none"
 
     @property
     def sigma(self) -> FloatArray:
@@ -95,14 +107,9 @@ class NoiseLevel:
         A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
         follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
         """
-        return min(self.position_freedoms, self.rotation_freedoms)
+        return min(noise.freedoms for noise in self.kinds.values())
 
     @property
     def from_residuals(self) -> bool:
         """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
         return bool(self.open_kinds)
-
-
-def field_of(kind: Kind) -> str:
-    """Return the attribute of :class:`NoiseLevel` that holds a kind's standard deviation."""
-    return "rotation_rad" if kind == "rotation" else f"{kind}_m"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import KINDS, Closures, Distances, Instrument, Places, Turns, kind_of
-from pouring_robot.estimation.measurement import BoolArray, Prediction
+from pouring_robot.estimation.measurement import BoolArray, Differentiated, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -65,9 +65,9 @@ class MeasuredPoses(PoseStack):
         if redundant or distance is not None:
             length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
             rows = np.arange(len(campaign))
-            others.append(Distances(noise.distance_m, length, rows, campaign.distance_start))
+            others.append(Distances(noise.of("distance"), length, rows, campaign.distance_start))
         if redundant:
-            others.append(Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1)))
+            others.append(Closures(noise.of("closure"), np.repeat(usable[:, None], redundant, axis=1)))
         return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
@@ -124,7 +124,7 @@ class MeasuredPoses(PoseStack):
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedEquations:
+class WhitenedEquations(Differentiated):
     """Residuals over their noise, missing components left out."""
 
     residual: FloatArray  # shape (m,): measured minus predicted over sigma
@@ -132,17 +132,6 @@ class WhitenedEquations:
     rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
     components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
     failed: NDArray[np.intp]  # rows that were measured but have no prediction
-
-    @property
-    def derivatives(self) -> FloatArray:
-        """The Jacobian.
-
-        Raises:
-            BadInputError: it was not asked for.
-        """
-        if self.jacobian is None:
-            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-        return self.jacobian
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:

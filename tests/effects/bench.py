@@ -25,7 +25,7 @@ from tests.rig.metrology import Tracker, basis, without
 from tests.rig.rotations import to_vector
 
 SIGMA_M, SIGMA_RAD = 5e-5, 6e-5
-NOISE = NoiseLevel(SIGMA_M, SIGMA_RAD, "stated", "stated")
+NOISE = NoiseLevel.stated(SIGMA_M, SIGMA_RAD)
 METADATA = CampaignMetadata(
     sigma_position_m=SIGMA_M,
     sigma_rotation_rad=SIGMA_RAD,

@@ -20,7 +20,7 @@ from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
 from tests.support import ROOT
 
-NOISE = NoiseLevel(5e-5, 6e-5, "stated", "stated")
+NOISE = NoiseLevel.stated(5e-5, 6e-5)
 ROWS = 24
 EVERY = ("joint_placement", "link_thermal_expansion", "base_drift", "metrology_scale", "session_offset")
 SLIDING = ("drive_zero_offset", "drive_scale", "drive_periodic", "drive_backlash", "drive_compliance")
