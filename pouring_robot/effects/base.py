@@ -138,10 +138,7 @@ class Effect(ABC):
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
     """Return the forms of an effect that may be anybody's, after a look at what they change.
 
-    Args:
-        effect: with nothing missing.
-        conditions: n rows.
-        channels: names of the local parameters there are.
+    Under the n conditions nothing is missing; ``channels`` are the names of the local parameters there are.
 
     Raises:
         BadInputError: the effect fails, changes what does not exist, or changes are no n finite numbers.

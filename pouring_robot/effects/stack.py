@@ -22,15 +22,11 @@ def stack_of(
     *,
     seen: bool = True,
 ) -> tuple[list[tuple[EffectParameter, float]], tuple[str, ...]]:
-    """Return what of a model depends on conditions: parameters, each with its value in its unit.
+    """Return what of a model depends on conditions, not being placed: parameters, each with its value in its unit.
 
-    Beside them, a line each, the effects taken as none in some rows because nobody learned them there.
-
-    Args:
-        model: its effects that are not placed count.
-        seen: whether those count, too, that do not move the robot but what is seen of it.
-        given: headings of all conditions that are known, in inner units.
-        conditions: gives those of the rows, as shapes that were learned in a campaign count them.
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. ``given`` are
+    the headings of all conditions that are known, in inner units; ``conditions`` gives those of the rows, as shapes
+    that were learned in a campaign count them. ``seen``: with what does not move the robot but what is seen of it.
 
     Raises:
         MissingConditionsError: an effect needs one that is not given.
@@ -81,11 +77,9 @@ def _is_known(parameter: EffectParameter) -> bool:
 
 
 def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]) -> dict[str, FloatArray]:
-    """Return the change of local parameters that effects make together, (n,) each, in m and rad, by name.
+    """Return the change of local parameters that effects make together in n rows, (n,) each, in m and rad, by name.
 
-    Args:
-        parameters: under the conditions of n rows.
-        values: one a parameter, in its unit.
+    The ``values`` are one a parameter, in its unit.
     """
     total: dict[str, FloatArray] = {}
     for parameter, value in zip(parameters, values, strict=True):

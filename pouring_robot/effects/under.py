@@ -101,16 +101,15 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 class RobotUnderConditions:
     """A robot as built and the conditions it works under; those effects of its model that depend on them come on top.
 
-    Attributes:
-        notes: what one should know of the commands and conditions asked for last, in a line each.
-
     Raises:
         BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.
     """
 
+    notes: tuple[str, ...] = ()  # what one should know of the commands and conditions asked for last, in a line each
+
     def __init__(self, robot: Robot, given: Given) -> None:
         self.robot, self.definition = robot, robot.model.definition
-        self.given, self.notes = understood(self.definition, given), tuple[str, ...]()
+        self.given = understood(self.definition, given)
         lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]
         if lost:
             raise BadInputError(
@@ -119,10 +118,7 @@ class RobotUnderConditions:
             )
 
     def robots(self, drives: FloatArray) -> list[Robot]:
-        """Return the robot as it stands at each command, in their order.
-
-        Args:
-            drives: commanded drives, (n, drives), in m and rad.
+        """Return the robot as it stands at each command: drives (n, drives), in m and rad.
 
         Raises:
             MissingConditionsError: an effect needs a condition that is not given.
@@ -226,11 +222,9 @@ class RobotUnderConditions:
 def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:
     """Return a robot as it stands at each command under conditions; a robot as any other each.
 
-    Args:
-        model: as built.
-        commands: poses of the pouring robot, or drive values in m and rad, in the order in which they are reached.
-        given: conditions by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given
-            of sides of approach follows from the order of the commands.
+    Commands are poses of the pouring robot, or drive values in m and rad, in the order in which they are reached;
+    conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given of sides
+    of approach follows from the order of the commands.
 
     Raises:
         MissingConditionsError: an effect needs a condition that is not given.

@@ -75,13 +75,10 @@ class BaseParameters:
 def base_parameters(
     matrix: FloatArray, names: Sequence[str], tolerance: float = RANK_TOLERANCE, lead: Sequence[str] = ()
 ) -> BaseParameters:
-    """Split the columns of a regressor.
+    """Split the K named columns of a whitened regressor (m, K).
 
-    Args:
-        matrix: whitened regressor, shape (m, K); see :func:`~pouring_robot.estimation.residuals.regressor`.
-        names: of the columns.
-        tolerance: of zero columns and of the rank; see :data:`RANK_TOLERANCE`.
-        lead: names that are to stand for their group where there is a choice; the frames, say.
+    Names in ``lead``, the frames, say, stand for their group where there is a choice; for ``tolerance`` see
+    :data:`RANK_TOLERANCE`.
 
     Raises:
         BadInputError: the shapes do not fit or the matrix is not finite.

@@ -172,12 +172,10 @@ class MeasurementModel:
     def at(
         self, drives: FloatArray, start: BatchStart | None = None, sessions: Sequence[str] | None = None
     ) -> ModelledRows:
-        """Return rows to predict.
+        """Return rows to predict: commanded drives (n, drives), in m and rad; the model's own offsets come on top.
 
-        Args:
-            drives: commanded drives, shape (n, drives), in m and rad; the model's own drive offsets come on top.
-            start: where to start closing, if known; by default the drawing's closed poses.
-            sessions: of each row, where some have frames of their own; by default those of the largest.
+        Closing starts at the drawing's closed poses if no ``start`` is known. ``sessions`` are those of the rows where
+        some have frames of their own; by default all are in the largest.
 
         Raises:
             BadInputError: the shape is wrong.
@@ -251,17 +249,10 @@ class MeasurementModel:
         errors: FloatArray,
         base: FloatArray | None = None,
     ) -> Prediction:
-        """Return a prediction with its Jacobian by the frames at zero and by local parameters added.
+        """Return a prediction, of the same frames and base, with its Jacobian by the frames at zero and by parameters.
 
-        Args:
-            prediction: as :meth:`Prediction.of` the same frames and base.
-            frames: the outer frames.
-            parameters: one a column after the frames, on top of the errors.
-            errors: displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m and rad.
-            base: displacement of the fixed platform, row by row, (n, 6).
-
-        Returns:
-            Rows that are singular have status 1 and no Jacobian.
+        These come on top of ``errors``, the displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m
+        and rad, one a column after the frames. Rows that are singular have status 1 and no Jacobian.
         """
         transfer, poses = self.engine.transfer(prediction.closure, parameters, errors), prediction.poses
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))

@@ -151,10 +151,8 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:
     """Return the whitened Jacobian of the predicted measurement, shape (m, 12 + P): what planning weighs poses by.
 
-    Args:
-        prediction: with its Jacobian.
-        sigma: standard deviation of the six components, shape (6,), in m and rad.
-        known: which components are measured, shape (n, 6); by default all.
+    ``sigma`` is the standard deviation of the six components, (6,), in m and rad; ``known`` says which are measured,
+    (n, 6), by default all.
 
     Raises:
         BadInputError: the prediction carries no Jacobian.
