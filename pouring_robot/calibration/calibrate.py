@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import CalibrationFindings
+from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
@@ -78,8 +78,6 @@ class Calibration(Result, CalibrationFindings):
     def to_frame(self) -> pandas.DataFrame:
         """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
         import pandas
-
-        from pouring_robot.calibration.movements import parameter_lines
 
         names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
         rows = [
@@ -165,7 +163,7 @@ def calibrate(
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
-    own_frames = [parameter.name for parameter in sessions]
+    own_frames, turned = [parameter.name for parameter in sessions], bool(measured.known[parts.train, 3:].any())
     return Calibration(
         campaign=campaign,
         present=model,
@@ -185,13 +183,7 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(
-            workspace,
-            fit.unknowns,
-            fit.covariance * inflation**2,
-            chosen.model.engine.structure.mechanism.T_end_tool,
-            turned=bool(measured.known[parts.train, 3:].any()),
-        ),
+        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.estimation.frames.outer import FRAMES
@@ -131,7 +130,7 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 
 
 def ladle_uncertainty(
-    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, T_end_tool: pin.SE3, *, turned: bool
+    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, *, turned: bool
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 
@@ -143,7 +142,8 @@ def ladle_uncertainty(
     turning = jacobian[:, 3:].copy()
     if not turned:
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
-    arm = T_end_tool.translation - unknowns.frames.T_end_target.translation
+    tool = rows.model.engine.structure.mechanism.T_end_tool
+    arm = tool.translation - unknowns.frames.T_end_target.translation
     lever = np.einsum("ij,njk,k->ni", unknowns.frames.T_tracker_base.rotation, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
     turn = rows.start.rotation[closed]

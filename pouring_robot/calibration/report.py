@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.movements import (
+from pouring_robot.calibration.findings import (
     SEEN,
+    CalibrationFindings,
     Movement,
     ParameterLine,
     combination_lines,
@@ -207,10 +207,8 @@ def html_report(calibration: CalibrationFindings) -> str:
 def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
     """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``, and return the files.
 
-    Files of an earlier calibration in the folder, which is made if need be, are replaced.
-
-    Raises:
-        OutputError: the folder cannot be written to.
+    Files of an earlier calibration in the folder, which is made if need be, are replaced. Raises OutputError if it
+    cannot be written to.
     """
     folder, model = check_folder(folder), described(calibration)
     try:

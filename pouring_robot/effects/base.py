@@ -124,11 +124,7 @@ class Effect(ABC):
         """Return the forms of the effect under conditions that have all that it :attr:`needs`, the usual one first."""
 
     def form(self, name: str, conditions: Conditions) -> Form:
-        """Return one form by its name.
-
-        Raises:
-            BadInputError: the effect has no such form.
-        """
+        """Return one form by its name; raises BadInputError if the effect has no such form."""
         found = {form.name: form for form in self.forms(conditions)}
         if name not in found:
             raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
@@ -138,10 +134,8 @@ class Effect(ABC):
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
     """Return the forms of an effect that may be anybody's, after a look at what they change.
 
-    Under the n conditions nothing is missing; ``channels`` are the names of the local parameters there are.
-
-    Raises:
-        BadInputError: the effect fails, changes what does not exist, or changes are no n finite numbers.
+    Under the n conditions nothing is missing; ``channels`` are the names of the local parameters there are. Raises
+    BadInputError if the effect fails, changes what does not exist, or changes are no n finite numbers.
     """
     try:
         forms = tuple(effect.forms(conditions))

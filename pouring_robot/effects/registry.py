@@ -55,20 +55,15 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
 
 
 def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
-    """Return the library's effects and those of installed packages, by id.
+    """Return the library's effects and those of installed packages, by id, by default for the default drawing.
 
-    Args:
-        robot: by default the drawing of the default model.
-
-    Raises:
-        BadInputError: a package's effect cannot be loaded, is none, or has the id of another one.
+    Raises BadInputError if a package's effect cannot be loaded, is none, or has the id of another one.
     """
     robot = robot or RobotModel().definition
     found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}
     for entry in entry_points(group=GROUP):
         try:
-            kind = entry.load()
-            effect = kind()
+            effect = entry.load()()
         except Exception as problem:  # any package may fail in any way; the user must learn which one
             said = " ".join(str(problem).split()) or type(problem).__name__
             raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {said}") from problem
@@ -92,11 +87,7 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
 
 
 def chosen_effects(robot: RobotDefinition | None = None, exclude: Sequence[str] = ()) -> dict[str, Effect]:
-    """Return all effects but some.
-
-    Raises:
-        BadInputError: an effect to leave out does not exist.
-    """
+    """Return all effects but some; raises BadInputError if an effect to leave out does not exist."""
     found = all_effects(robot)
     for name in exclude:
         if name not in found:

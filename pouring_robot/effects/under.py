@@ -51,8 +51,7 @@ _SAME = 1e-6  # of its range: by how much a condition may lie beyond it
 def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     """Return conditions by quantity name, numbers in inner units.
 
-    Raises:
-        BadInputError: a heading is no condition of the robot, one is said twice, or a value is impossible.
+    Raises BadInputError if a heading is no condition of the robot, one is said twice, or a value is impossible.
     """
     known = {heading: quantity for quantity in condition_columns(robot) for heading in quantity.headings}
     found: dict[str, Any] = {}
@@ -85,8 +84,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
 def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
     """Return the conditions that stand beside the commands of a table, by heading.
 
-    Raises:
-        TableError: the file cannot be read, or a condition is missing in a row or no number.
+    Raises TableError if the file cannot be read, or a condition is missing in a row or no number.
     """
     table, found = read_table(path, "time_s"), dict[str, FloatArray | tuple[str, ...]]()
     known = condition_headings(robot)
@@ -224,12 +222,7 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
 
     Commands are poses of the pouring robot, or drive values in m and rad, in the order in which they are reached;
     conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given of sides
-    of approach follows from the order of the commands.
-
-    Raises:
-        MissingConditionsError: an effect needs a condition that is not given.
-        BadInputError: a condition is none of the robot's, or a value is impossible.
-        NoSolutionError: a command has no answer.
+    of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
     robot = model if isinstance(model, Robot) else robot_of(RobotModel.of(model))
     return RobotUnderConditions(robot, given).robots(np.array([robot.drives_of(command) for command in commands]))
@@ -246,10 +239,7 @@ def compensate_under(
     The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move;
     ``bring`` compensates a robot that stands still, for the pose of a number.
 
-    Raises:
-        CompensationError: commands do not settle.
-        BadInputError: as :meth:`RobotUnderConditions.robots`.
-        NoSolutionError: what ``bring`` raises, or as that.
+    Raises CompensationError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
     commands, moving = np.array([under.robot.drives_of(command) for command in wanted]), np.arange(len(wanted))
     found: dict[int, Found] = {}

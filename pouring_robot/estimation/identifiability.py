@@ -78,10 +78,7 @@ def base_parameters(
     """Split the K named columns of a whitened regressor (m, K).
 
     Names in ``lead``, the frames, say, stand for their group where there is a choice; for ``tolerance`` see
-    :data:`RANK_TOLERANCE`.
-
-    Raises:
-        BadInputError: the shapes do not fit or the matrix is not finite.
+    :data:`RANK_TOLERANCE`. Raises BadInputError if the shapes do not fit or the matrix is not finite.
     """
     names = tuple(names)
     if matrix.ndim != 2 or matrix.shape[1] != len(names) or not np.isfinite(matrix).all():

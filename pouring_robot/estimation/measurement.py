@@ -175,10 +175,7 @@ class MeasurementModel:
         """Return rows to predict: commanded drives (n, drives), in m and rad; the model's own offsets come on top.
 
         Closing starts at the drawing's closed poses if no ``start`` is known. ``sessions`` are those of the rows where
-        some have frames of their own; by default all are in the largest.
-
-        Raises:
-            BadInputError: the shape is wrong.
+        some have frames of their own; by default all are in the largest. Raises BadInputError of another shape.
         """
         drives = np.asarray(drives, dtype=float)
         count = len(self.engine.structure.mechanism.loops.drives)
@@ -204,10 +201,8 @@ class MeasurementModel:
     def amended(self, values: FloatArray) -> RobotModel:
         """Return the present robot with parameter values (P,), in m and rad, added.
 
-        Placements are composed exactly, drive offsets summed.
-
-        Raises:
-            CalibrationError: the result is too large to be an error of a robot.
+        Placements are composed exactly, drive offsets summed. Raises CalibrationError if the result is too large to be
+        an error of a robot.
         """
         structure = self.engine.structure
         errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
@@ -291,11 +286,7 @@ class ModelledRows:
         return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
-        """Close the loops and return what the tracker should see.
-
-        Raises:
-            BadInputError: the number of values does not fit, or one is not finite.
-        """
+        """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
         model = self.model
         if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")

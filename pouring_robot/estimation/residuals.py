@@ -6,7 +6,6 @@ The robust loss judges the coordinates of a row together: one slip spoils all th
 from __future__ import annotations
 
 import functools
-import itertools
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -111,16 +110,10 @@ class MeasuredPoses(PoseStack):
         return np.concatenate([instrument.difference(prediction) for instrument in self.instruments], axis=1)
 
     def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
-        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P).
-
-        Raises:
-            BadInputError: the prediction carries no Jacobian.
-        """
-        ends = np.cumsum([0, *(instrument.known.shape[1] for instrument in self.instruments)])
-        jacobian = np.empty((*residual.shape, prediction.derivatives.shape[2]))
-        for instrument, (first, last) in zip(self.instruments, itertools.pairwise(ends.tolist()), strict=True):
-            jacobian[:, first:last] = instrument.jacobian(prediction, residual[:, first:last])
-        return jacobian
+        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P)."""
+        ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments[:-1]])
+        parts = zip(self.instruments, np.split(residual, ends, axis=1), strict=True)
+        return np.concatenate([instrument.jacobian(prediction, part) for instrument, part in parts], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +145,7 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
     """Return the whitened Jacobian of the predicted measurement, shape (m, 12 + P): what planning weighs poses by.
 
     ``sigma`` is the standard deviation of the six components, (6,), in m and rad; ``known`` says which are measured,
-    (n, 6), by default all.
-
-    Raises:
-        BadInputError: the prediction carries no Jacobian.
+    (n, 6), by default all. The prediction carries its Jacobian.
     """
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known
@@ -187,10 +177,7 @@ def scatter(equations: WhitenedEquations) -> float:
 def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
     """Return the summed loss, and the weight of each equation, shape (m,).
 
-    ``widened`` is a factor on the bound up to which the loss is quadratic.
-
-    Raises:
-        BadInputError: there is no such loss.
+    ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
     bound, size = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], np.sqrt(squared)

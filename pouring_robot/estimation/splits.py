@@ -54,10 +54,8 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     """Split a campaign, but for rows that no fit should use; what was measured plays no part in it.
 
     The test block is the last one: the last session or stretch of time, or the region whose first row comes last. Of
-    themselves (``auto``) blocks are sessions if there are four or more, the last large enough, else regions.
-
-    Raises:
-        CalibrationError: there are too few rows.
+    themselves (``auto``) blocks are sessions if there are four or more, the last large enough, else regions. Raises
+    CalibrationError if there are too few rows.
     """
     own_frames = campaign.metadata.frames == PER_SESSION
     if own_frames and hold_out in ("session", "time"):
@@ -87,10 +85,8 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str
 
     Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
     sessions, up to ``count`` stretches of equal length in order of time (of rows where no time is known), or as many
-    regions (neighbours in drive space; repeats of a pose stay together).
-
-    Raises:
-        BadInputError: the kind is unknown or the count below 2.
+    regions (neighbours in drive space; repeats of a pose stay together). Raises BadInputError if the kind is unknown or
+    the count below 2.
     """
     if count < 2:
         raise BadInputError(f"a split needs at least 2 blocks, not {count}")

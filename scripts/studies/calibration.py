@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.calibration.movements import Z95
+from pouring_robot.calibration.findings import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign

@@ -20,7 +20,7 @@ def fitted(drawing):
 def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
     rows = workspace_rows(virtual.model)
     lip = drawing.nominal_solver.mechanism.T_end_tool
-    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, lip, turned=turned)
+    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, turned=turned)
 
 
 def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):
