@@ -303,11 +303,11 @@ def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
     words = [
-        f"{noise.of(kind) / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
+        f"{noise[kind].sigma / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
         f"within the tolerances make {limit / si:.3g} {unit}"
         for kind, limit in limits.items()
         for unit, si in [("mrad", MRAD) if kind == "rotation" else ("mm", MM)]
-        if noise.of(kind) > limit
+        if noise[kind].sigma > limit
     ]
     return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
 

@@ -80,4 +80,4 @@ def largest_noise(
     """
     variance = sum((column**2 for column in tolerated), np.zeros(len(components)))
     seen = {kind: are(kind, components) for kind in noise.open_kinds}
-    return {kind: noise.of(kind) * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}
+    return {kind: noise[kind].sigma * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}

@@ -42,58 +42,53 @@ class NoiseLevel:
         """Return the noise of a kind."""
         return self.kinds.get(kind, Noise())
 
-    def of(self, kind: Kind) -> float:
-        """Return the standard deviation of a component of a kind, in m or rad."""
-        return self[kind].sigma
-
-    def source(self, kind: Kind) -> Source:
-        """Return where that comes from; ``none``: nothing of the kind was measured."""
-        return self[kind].source
-
     @property
     def position_m(self) -> float:
         """Standard deviation of a coordinate, in m."""
-        return self.of("position")
+        return self["position"].sigma
 
     @property
     def rotation_rad(self) -> float:
         """Standard deviation of a rotation component, in rad."""
-        return self.of("rotation")
+        return self["rotation"].sigma
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
         """Return other sizes; exact data have none, but a noise must be positive."""
-        changed = {k: replace(self[k], sigma=max(self.of(k) * f, LEAST_NOISE)) for k, f in factors.items()}
+        changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
         return NoiseLevel({**self.kinds, **changed})
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:
         """The kinds whose noise is what a fit leaves over."""
-        return tuple(kind for kind in KINDS if self.source(kind) == "residuals")
+        return tuple(kind for kind in KINDS if self[kind].source == "residuals")
 
     @property
     def length_kind(self) -> Kind:
         """What counts as length: positions, or what was measured in their stead."""
-        return next((kind for kind in LENGTHS if self.source(kind) != "none"), "position")
+        return next((kind for kind in LENGTHS if self[kind].source != "none"), "position")
 
     @property
     def length_m(self) -> float:
         """Standard deviation of that, in m."""
-        return self.of(self.length_kind)
+        return self[self.length_kind].sigma
 
     def figures(self) -> dict[str, float | str | None]:
         """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
         found: dict[str, float | str | None] = {}
         for kind in KINDS:
             unit, si = ("mrad", MRAD) if kind == "rotation" else ("mm", MM)
-            source = self.source(kind)
+            source = self[kind].source
             if source != "none" or kind in ("position", "rotation"):
-                found |= {f"{kind}_{unit}": self.of(kind) / si if source != "none" else None, f"{kind}_source": source}
+                found |= {
+                    f"{kind}_{unit}": self[kind].sigma / si if source != "none" else None,
+                    f"{kind}_source": source,
+                }
         return found
 
     @property
     def turned(self) -> bool:
         """Whether rotations were measured."""
-        return self.source("rotation") != "none"
+        return self["rotation"].source != "none"
 
     @property
     def sigma(self) -> FloatArray:

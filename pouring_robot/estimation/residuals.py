@@ -64,9 +64,9 @@ class MeasuredPoses(PoseStack):
         if redundant or distance is not None:
             length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
             rows = np.arange(len(campaign))
-            others.append(Distances(noise.of("distance"), length, rows, campaign.distance_start))
+            others.append(Distances(noise["distance"].sigma, length, rows, campaign.distance_start))
         if redundant:
-            others.append(Closures(noise.of("closure"), np.repeat(usable[:, None], redundant, axis=1)))
+            others.append(Closures(noise["closure"].sigma, np.repeat(usable[:, None], redundant, axis=1)))
         return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
@@ -76,7 +76,7 @@ class MeasuredPoses(PoseStack):
 
     def with_noise(self, noise: NoiseLevel) -> MeasuredPoses:
         """Return the same with another noise level."""
-        others = tuple(replace(instrument, sigma=noise.of(instrument.kind)) for instrument in self.others)
+        others = tuple(replace(instrument, sigma=noise[instrument.kind].sigma) for instrument in self.others)
         return replace(self, sigma_position_m=noise.position_m, sigma_rotation_rad=noise.rotation_rad, others=others)
 
     def without(self, rows: NDArray[np.intp]) -> MeasuredPoses:

@@ -170,7 +170,7 @@ def test_noise_of_each_kind_is_stated_or_open(drives):
     assert noise_beforehand(campaign, np.arange(24)).open_kinds == ("distance",)
     stated = dataclasses.replace(campaign, metadata=MADE.model_copy(update={"sigma_distance_m": 2e-4}))
     found = noise_beforehand(stated, np.arange(24))
-    assert (found.open_kinds, found.of("distance"), found.length_kind) == ((), 2e-4, "distance")
+    assert (found.open_kinds, found["distance"].sigma, found.length_kind) == ((), 2e-4, "distance")
 
 
 def test_columns_of_distances_and_forces(tmp_path, drives):

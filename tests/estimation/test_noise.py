@@ -24,7 +24,7 @@ def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
 
 def test_noise_from_repeats(repeated):
     noise = noise_beforehand(repeated, np.arange(len(repeated)))
-    assert noise.source("position") == noise.source("rotation") == "repeats"
+    assert noise["position"].source == noise["rotation"].source == "repeats"
     # Twenty differences of three coordinates: 1 / sqrt(2 * 60) is nine per cent.
     assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
     assert noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
@@ -45,12 +45,12 @@ def test_repeat_noise_by_hand():
 
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
     stated = noise_beforehand(clean.campaign, np.arange(60))
-    assert (stated.position_m, stated.source("position")) == (SIGMA_M, "stated")
+    assert (stated.position_m, stated["position"].source) == (SIGMA_M, "stated")
     assert stated.freedoms == np.inf
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
     assert noise_beforehand(blank, np.arange(60)).from_residuals
-    assert noise_beforehand(positions.campaign, np.arange(60)).source("rotation") == "none"
+    assert noise_beforehand(positions.campaign, np.arange(60))["rotation"].source == "none"
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):
