@@ -15,9 +15,9 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import KINDS, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
+from pouring_robot.estimation.measurement import ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.splits import Rows, Split
+from pouring_robot.estimation.splits import Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
@@ -121,25 +121,20 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = prior_std(model, self.tolerances, framed=self.measured.framed)
-        scores = np.full((len(self.rows), len(KINDS)), np.nan)
+        rows, measured = self.rows.with_model(model), self.measured
+        prior = prior_std(model, self.tolerances, framed=measured.framed)
+        scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
             start = Unknowns.zero(frames.frames, prior.size - FRAMES)
-            scores[validation] = self._fold(start, prior, model, train, validation)
+            try:
+                fit = identify(rows[train], measured[train], start, prior, self.options)
+            except CalibrationError:  # a choice that cannot be fitted is no choice
+                scores[validation] = _FAILED
+                continue
+            seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
+            scores[validation] = row_scores(seen.residual(prediction), seen.sigma)
+            scores[validation[seen.known.any(axis=1) & ~prediction.closed]] = _FAILED
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
-
-    def _fold(
-        self, start: Unknowns, prior: FloatArray, model: MeasurementModel, train: Rows, validation: Rows
-    ) -> FloatArray:
-        rows, measured = self.rows.with_model(model), self.measured
-        try:
-            fit = identify(rows[train], measured[train], start, prior, self.options)
-        except CalibrationError:
-            return np.full((validation.size, len(KINDS)), _FAILED)  # a choice that cannot be fitted is no choice
-        seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
-        score = row_scores(seen.residual(prediction), seen.sigma)
-        score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
-        return score
 
 
 def select_groups(

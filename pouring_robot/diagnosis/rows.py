@@ -22,7 +22,7 @@ from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.families.base import channel
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.registry import local_changes, stack_of
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
 from pouring_robot.estimation.map_fit import first_frames

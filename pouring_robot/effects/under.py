@@ -26,8 +26,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, to_inner
