@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Form, channel
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
-from pouring_robot.effects.families.base import channel
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import local_changes, stack_of
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames

@@ -12,10 +12,9 @@ from importlib.metadata import entry_points
 
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter
+from pouring_robot.effects.base import Effect, EffectParameter, Family
 from pouring_robot.effects.conditions import Conditions, condition_names
 from pouring_robot.effects.facts import known_facts, sources
-from pouring_robot.effects.families.base import Family
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts

@@ -8,9 +8,8 @@ import numpy as np
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.rows import SCALE
-from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.facts import Axis, of_drives
-from pouring_robot.effects.families.base import channel
 from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.families.base import Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drive, of_drives
 from pouring_robot.effects.conditions import FORCE, Conditions
-from pouring_robot.effects.families.base import Family, channel, of_drive, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
