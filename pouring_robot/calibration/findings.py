@@ -12,9 +12,8 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
-from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import Fit
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -26,10 +26,9 @@ from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor

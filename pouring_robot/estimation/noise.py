@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.instruments import KINDS, Kind, are
-from pouring_robot.estimation.noise_level import Noise, NoiseLevel
+from pouring_robot.estimation.instruments import KINDS, Kind, Noise, NoiseLevel, are
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.arrays import FloatArray
 

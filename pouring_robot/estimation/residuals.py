@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import KINDS, Closures, Distances, Instrument, Places, Turns, kind_of
+from pouring_robot.estimation.instruments import (
+    KINDS,
+    Closures,
+    Distances,
+    Instrument,
+    NoiseLevel,
+    Places,
+    Turns,
+    kind_of,
+)
 from pouring_robot.estimation.measurement import BoolArray, Differentiated, Prediction
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices

@@ -31,7 +31,7 @@ from pouring_robot.diagnosis.report.sentences import (
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot

@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
 from tests.examples.campaigns import write
