@@ -119,7 +119,7 @@ class MeasuredPoses(PoseStack):
 
     def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
         """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P)."""
-        ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments[:-1]])
+        ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments])[:-1]
         parts = zip(self.instruments, np.split(residual, ends, axis=1), strict=True)
         return np.concatenate([instrument.jacobian(prediction, part) for instrument, part in parts], axis=1)
 
