@@ -37,10 +37,10 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.robot.tolerances import Tolerances
 
 if TYPE_CHECKING:
     import pandas
-from pouring_robot.robot.tolerances import Tolerances
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
@@ -89,10 +89,7 @@ class Calibration(Result, CalibrationFindings):
     def save(self, folder: Path | str) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns the files.
-
-        Raises:
-            OutputError: the folder cannot be written to.
+        Returns the files; raises OutputError if the folder cannot be written to.
         """
         from pouring_robot.calibration.report import write_calibration
 

@@ -84,13 +84,9 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
     return found
 
 
-def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
-    """Return of every joint, fixed and moving, the link it stands on and its place there, (3,), in its own axes, in m.
-
-    A link that grows evenly about its origin displaces the joint by this times its strain.
-    """
-    placed = standing(robot).items()
-    return {joint: (link, np.asarray(at.rotation.T @ at.translation)) for joint, (link, at) in placed}
+def _lever(placed: pin.SE3) -> FloatArray:
+    """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
+    return np.asarray(placed.rotation.T @ placed.translation)
 
 
 def _carrier(model: pin.Model, link: str) -> pin.Frame:
@@ -124,11 +120,11 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
     have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
     """
-    known, model = levers(robot), robot.mechanism().shared_model
+    known, model = standing(robot), robot.mechanism().shared_model
     ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
     pairs = [(_carrier(model, chain), _carrier(model, other)) for chain, other in ends]
     return [
-        (seat.name, known[end.name][0], -known[end.name][1])
+        (seat.name, known[end.name][0], -_lever(known[end.name][1]))
         for end, seat in pairs
         if end.type == pin.FrameType.FIXED_JOINT and end.name not in places and seat.name in places
     ]
@@ -155,8 +151,8 @@ class LinkGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
-        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, levers(conditions.robot)
-        places = {joint: known[joint][1] for joint in self.joints}
+        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, standing(conditions.robot)
+        places = {joint: _lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
 
         shapes = [("thermometer_bias", "1e-6", _BIAS_K * std, _grown(places, np.ones(len(conditions))))]
@@ -178,7 +174,7 @@ class LinksGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All with one thermometer, or each link with its own, which may have a share of its own; it may lag."""
-        links = {name for name, _ in levers(conditions.robot).values()}
+        links = {name for name, _ in standing(conditions.robot).values()}
         own = [name for name in conditions.rises if name in links]
         forms = [self._form(f"by_{name}", conditions, {}, name) for name in conditions.rises]
         if own:
