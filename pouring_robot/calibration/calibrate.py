@@ -30,7 +30,7 @@ from pouring_robot.estimation.map_fit import (
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
+from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -148,8 +148,12 @@ def calibrate(
     progress("fitting", 0, 0)
     chosen, fit, after = fitted(selection.groups)
     progress("judging", 0, 0)
-    refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
-    if refused:
+    refused: Refusal | None = None
+    test = np.setdiff1d(parts.test, left_out)
+    scores = (row_scores(difference[test], full.sigma) for difference in (before, after))
+    if options.choose and selection.groups and not acceptable(*scores):
+        names = tuple(group.name for group in selection.groups)
+        refused = Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
     # By how much residuals exceed the noise, where that is no accident.
@@ -183,17 +187,6 @@ def calibrate(
         ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
-
-
-def _refused(
-    before: FloatArray, after: FloatArray, parts: Split, left_out: Rows, selection: Selection, sigma: FloatArray
-) -> Refusal | None:
-    """Return what held-out rows refuse, or None."""
-    test = np.setdiff1d(parts.test, left_out)
-    if not selection.groups or acceptable(row_scores(before[test], sigma), row_scores(after[test], sigma)):
-        return None
-    names = tuple(group.name for group in selection.groups)
-    return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:
