@@ -24,7 +24,6 @@ Z95 = 1.959963984540054
 """Half the 95 % interval of a normal deviate."""
 LEARNT = 0.5
 """A parameter is measured when the data took at least this share of its prior variance away."""
-
 SEEN = 0.01
 """Below this share no pose of the campaign shows a parameter by itself."""
 
@@ -78,10 +77,7 @@ class CalibrationFindings:
 
 @dataclass(frozen=True)
 class Movement:
-    """A number that was found, in its unit, mm or mrad, on top of the present model.
-
-    It is a parameter, or a combination that the campaign determines, the frames left out.
-    """
+    """A parameter, or a combination that the campaign determines, in mm or mrad, on top of the present model."""
 
     name: str
     unit: str
@@ -120,17 +116,13 @@ class ParameterLine(Movement):
         return "moved" if self.moved else "measured, not off"
 
 
-def _shown(unit: str) -> tuple[str, float]:
-    return ("mm", MM) if unit == "m" else ("mrad", MRAD)
-
-
 def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     """Return the parameters kept, in order."""
     fit, std = calibration.fit, calibration.std
     names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
     lines = []
     for k, (group, parameter) in enumerate(names, start=FRAMES):
-        unit, factor = _shown(parameter.unit)
+        unit, factor = ("mm", MM) if parameter.unit == "m" else ("mrad", MRAD)
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
         lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, float(fit.learnt[k])))
     return lines
@@ -178,7 +170,8 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         shares = np.zeros(len(base.names))
         for name, share in combination.items():
             shares[base.names.index(name)] = share
-        unit, factor = _shown(calibration.unknown_units[base.names.index(next(iter(combination)))])
+        inner = calibration.unknown_units[base.names.index(next(iter(combination)))]
+        unit, factor = ("mm", MM) if inner == "m" else ("mrad", MRAD)
         std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
         prior = float(np.linalg.norm(shares * fit.prior_std))
         value = float(shares @ fit.unknowns.values)

@@ -118,11 +118,9 @@ class Prediction(PoseStack, Differentiated):
 class MeasurementModel:
     """Predicts measurements of one robot with a chosen set of parameters. Safe to use from several threads.
 
-    Args:
-        model: the present robot; parameters act on top of its errors.
-        parameters: placement parameters (DH parameters too, as :attr:`DHParameter.local`) and drive parameters.
-        threads: how many share the work; by default one a core. Results do not depend on it.
-        sessions: unknowns of sessions with frames of their own, six each; they stand behind all others.
+    Parameters of placements (DH parameters too, as :attr:`DHParameter.local`) and drives act on top of the errors of
+    the present robot; unknowns of sessions with frames of their own, six each, stand behind all others. By default a
+    thread a core shares the work; results do not depend on it.
 
     Raises:
         UnknownJointError: a parameter names a joint that is in no chain.
