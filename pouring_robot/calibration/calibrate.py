@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
-from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
-from pouring_robot.calibration.metrics import Misfit, pose_performance
-from pouring_robot.calibration.selection import Selection, select_groups
+from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
+from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
+from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
@@ -33,17 +30,17 @@ from pouring_robot.estimation.map_fit import (
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
+from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.robot.tolerances import Tolerances
 
 if TYPE_CHECKING:
     import pandas
-from pouring_robot.robot.tolerances import Tolerances
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
@@ -82,8 +79,6 @@ class Calibration(Result, CalibrationFindings):
         """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
         import pandas
 
-        from pouring_robot.calibration.movements import parameter_lines
-
         names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
         rows = [
             (p.name, p.group, p.unit, p.value, p.std, *p.interval, p.prior_std, p.learnt, p.verdict)
@@ -94,12 +89,9 @@ class Calibration(Result, CalibrationFindings):
     def save(self, folder: Path | str) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns the files.
-
-        Raises:
-            OutputError: the folder cannot be written to.
+        Returns the files; raises OutputError if the folder cannot be written to.
         """
-        from pouring_robot.calibration.export import write_calibration
+        from pouring_robot.calibration.report import write_calibration
 
         return write_calibration(self, folder)
 
@@ -156,11 +148,14 @@ def calibrate(
     progress("fitting", 0, 0)
     chosen, fit, after = fitted(selection.groups)
     progress("judging", 0, 0)
-    refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
-    if refused:
+    refused: Refusal | None = None
+    test = np.setdiff1d(parts.test, left_out)
+    scores = (row_scores(difference[test], full.sigma) for difference in (before, after))
+    if options.choose and selection.groups and not acceptable(*scores):
+        names = tuple(group.name for group in selection.groups)
+        refused = Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
-    calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
     # By how much residuals exceed the noise, where that is no accident.
     freedom = fit.freedom()
     accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, fit.chi_square()) >= _SURE
@@ -169,11 +164,11 @@ def calibrate(
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
-    own_frames = [parameter.name for parameter in sessions]
+    own_frames, turned = [parameter.name for parameter in sessions], bool(measured.known[parts.train, 3:].any())
     return Calibration(
         campaign=campaign,
         present=model,
-        calibrated=calibrated,
+        calibrated=chosen.model.amended(fit.unknowns.parameters),
         flags=flags,
         left_out=left_out,
         split=parts,
@@ -189,26 +184,9 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(
-            workspace,
-            fit.unknowns,
-            fit.covariance * inflation**2,
-            chosen.model.engine.structure.mechanism.T_end_tool,
-            turned=bool(measured.known[parts.train, 3:].any()),
-        ),
+        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
-
-
-def _refused(
-    before: FloatArray, after: FloatArray, parts: Split, left_out: Rows, selection: Selection, sigma: FloatArray
-) -> Refusal | None:
-    """Return what held-out rows refuse, or None."""
-    test = np.setdiff1d(parts.test, left_out)
-    if not selection.groups or acceptable(row_scores(before[test], sigma), row_scores(after[test], sigma)):
-        return None
-    names = tuple(group.name for group in selection.groups)
-    return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

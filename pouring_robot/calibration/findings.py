@@ -1,23 +1,31 @@
-"""What a calibration found: the data that lines, figures, plots and report are made of."""
+"""What a calibration found, and what moved: parameters, and the combinations of them that a campaign determines."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.calibration.acceptance import Refusal
-from pouring_robot.calibration.ladle import LadleUncertainty
-from pouring_robot.calibration.metrics import Misfit, PosePerformance
-from pouring_robot.calibration.selection import Selection
+from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance
+from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
-from pouring_robot.estimation.identifiability import BaseParameters
+from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.sessions import SESSION
+from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
+from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import Fit
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import Split
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup
+
+Z95 = 1.959963984540054
+"""Half the 95 % interval of a normal deviate."""
+LEARNT = 0.5
+"""A parameter is measured when the data took at least this share of its prior variance away."""
+SEEN = 0.01
+"""Below this share no pose of the campaign shows a parameter by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,3 +73,107 @@ class CalibrationFindings:
     def misfit(self, rows: NDArray[np.intp], *, after: bool) -> Misfit:
         """Return the misfit over rows, those left out excluded."""
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
+
+
+@dataclass(frozen=True)
+class Movement:
+    """A parameter, or a combination that the campaign determines, in mm or mrad, on top of the present model."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval."""
+        return self.value - Z95 * self.std, self.value + Z95 * self.std
+
+    @property
+    def moved(self) -> bool:
+        """Whether the 95 % interval leaves out zero."""
+        return abs(self.value) > Z95 * self.std
+
+    @property
+    def surprise(self) -> float:
+        """How many standard deviations it is off."""
+        return abs(self.value) / self.std
+
+
+@dataclass(frozen=True)
+class ParameterLine(Movement):
+    """One parameter: the group it was kept with, and the share of its prior variance that the data took away."""
+
+    group: str
+    learnt: float
+
+    @property
+    def verdict(self) -> str:
+        """What to make of it, in words."""
+        if self.learnt < LEARNT:
+            return "held by its tolerance"
+        return "moved" if self.moved else "measured, not off"
+
+
+def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
+    """Return the parameters kept, in order."""
+    fit, std = calibration.fit, calibration.std
+    names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
+    lines = []
+    for k, (group, parameter) in enumerate(names, start=FRAMES):
+        unit, factor = ("mm", MM) if parameter.unit == "m" else ("mrad", MRAD)
+        value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, float(fit.learnt[k])))
+    return lines
+
+
+@dataclass(frozen=True)
+class GroupLine:
+    """What one group of parameters does to the ladle, in words and figures of the shop floor."""
+
+    name: str
+    meaning: str
+    count: int
+    # by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the outer frames
+    # would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured
+    moved_mm: float
+    moved_mrad: float
+
+
+def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
+    """Return what each group kept does at the target, to first order about the answer; the largest first."""
+    fit, noise = calibration.fit, calibration.noise
+    jacobian = fit.equations.derivatives
+    frames, turned = jacobian[:, :FRAMES], are("rotation", fit.equations.components)
+    lines, first = [], FRAMES
+    for group in calibration.selection.groups:
+        columns = slice(first, first + len(group.parameters))
+        first = columns.stop
+        effect = jacobian[:, columns] @ fit.unknowns.values[columns]
+        effect -= frames @ np.linalg.lstsq(frames, effect, rcond=None)[0]
+        move, turn = rms(effect[~turned]) * noise.length_m / MM, rms(effect[turned]) * noise.rotation_rad / MRAD
+        lines.append(GroupLine(group.name, group.meaning, len(group.parameters), move, turn))
+    return sorted(lines, key=lambda line: -line.moved_mm)
+
+
+def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
+    """Return what the campaign determines, the surest movement first.
+
+    Combinations with an outer frame in them say nothing of the robot.
+    """
+    base, fit = calibration.base, calibration.fit
+    # The frames, those of sessions with frames of their own too.
+    outer = (*base.names[:FRAMES], *(name for name in base.names[FRAMES:] if name.startswith(SESSION)))
+    lines = []
+    for combination in robot_combinations(base, outer):
+        shares = np.zeros(len(base.names))
+        for name, share in combination.items():
+            shares[base.names.index(name)] = share
+        inner = calibration.unknown_units[base.names.index(next(iter(combination)))]
+        unit, factor = ("mm", MM) if inner == "m" else ("mrad", MRAD)
+        std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
+        prior = float(np.linalg.norm(shares * fit.prior_std))
+        value = float(shares @ fit.unknowns.values)
+        lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))
+    return sorted(lines, key=lambda line: -line.surprise)

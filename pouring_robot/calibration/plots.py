@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.movements import SEEN, parameter_lines
+from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, svg_of, tell

@@ -1,12 +1,14 @@
-"""The exit report: what a shop-floor engineer reads, as text and as one self-contained HTML page."""
+"""What a calibration leaves behind: lines and tables, one self-contained HTML page, model file, URDF and figures."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
-from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.movements import (
+from pouring_robot.calibration.findings import (
     SEEN,
+    CalibrationFindings,
     Movement,
     ParameterLine,
     combination_lines,
@@ -14,11 +16,16 @@ from pouring_robot.calibration.movements import (
     parameter_lines,
 )
 from pouring_robot.calibration.plots import plots
-from pouring_robot.calibration.summary import next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
+from pouring_robot.robot.description.urdf import urdf_files
+from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.model import RobotModel
 
-MODEL, FIGURES = "calibrated.yaml", "calibration.json"
+MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 
@@ -153,9 +160,6 @@ def split_line(calibration: CalibrationFindings) -> str:
     )
 
 
-# --- HTML -----------------------------------------------------------------------------------------------------------
-
-
 def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one page without any outside file."""
     lines = parameter_lines(calibration)
@@ -198,3 +202,31 @@ def html_report(calibration: CalibrationFindings) -> str:
     title = f"Calibration with {calibration.campaign.path.name}"
     links = {"the calibrated model": MODEL, "all figures": FIGURES}
     return html_page(title, title, blocks, links=links, data=[calibration.campaign.path])
+
+
+def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
+    """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``, and return the files.
+
+    Files of an earlier calibration in the folder, which is made if need be, are replaced. Raises OutputError if it
+    cannot be written to.
+    """
+    folder, model = check_folder(folder), described(calibration)
+    try:
+        files = urdf_files(ClosedRobot.of(model).urdf, folder, model.definition.files_beside())
+    except DescriptionError as error:
+        raise OutputError(folder, error.problem) from error
+    files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"
+    files[folder / REPORT] = html_report(calibration)
+    files[folder / MODEL] = model.file_text(folder)  # others may wait for it
+    return [path for path in write_together(files) if path.parent == folder]
+
+
+def described(calibration: CalibrationFindings) -> RobotModel:
+    """Return the calibrated model with a description that says how good it is, warnings first."""
+    told = [*warnings_of(calibration), *notes_of(calibration)]
+    warnings = [line for line in told if any(words in line for words in ("deficient", "do not use", "heat section"))]
+    said = [f"{line[0].upper()}{line[1:]}." for line in warnings]
+    said += [headline(calibration), f"Calibrated with {calibration.campaign.path.name}."]
+    if calibration.present.description:
+        said.append(f"Before: {calibration.present.description}")
+    return calibration.calibrated.model_copy(update={"description": " ".join(said)})

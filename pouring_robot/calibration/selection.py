@@ -1,17 +1,23 @@
-"""Which groups of parameters to keep: those that help rows the fit has not seen, and no others."""
+"""Which groups of parameters to keep: those that help rows the fit has not seen, and no others. And the last word.
+
+Groups are chosen on training blocks. What only looks like geometry (a drift, a worn screw, a shift between sessions)
+can be copied well there and lead astray elsewhere; the held-out block is where that shows. It chooses nothing, but it
+may refuse the whole: a single yes or no to what was chosen without it, so there is nothing to overfit; the robot then
+stays as it was.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_scores
+from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.instruments import KINDS
+from pouring_robot.estimation.instruments import KINDS, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
+from pouring_robot.estimation.measurement import ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.splits import Rows, Split
+from pouring_robot.estimation.splits import Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
@@ -20,6 +26,7 @@ from pouring_robot.robot.tolerances import Tolerances
 
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
+_NEGLIGIBLE = 0.01  # of the noise's variance: half a per cent of the noise, which nobody sees
 _ROUGH, _ROUGH_EVALUATIONS = 0.3, 100
 # Of a block that is fitted or judged while groups are chosen: what so many rows cannot tell is far below their noise.
 _MOST_ROWS = 1000
@@ -47,6 +54,54 @@ class Selection:
     steps: tuple[SelectionStep, ...]
 
 
+@dataclass(frozen=True)
+class Refusal:
+    """The groups that were chosen and refused, and the misfit of the held-out rows without and with them."""
+
+    groups: tuple[str, ...]
+    before: Misfit
+    after: Misfit
+
+
+def row_scores(residual: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return each row's mean squared residual over its noise, (n, kinds) in the order of ``KINDS``; NaN: unmeasured.
+
+    ``residual`` is measured minus predicted, (n, K), NaN where missing; ``sigma`` the noise, (K,); both in m and rad.
+    """
+    squared = (residual / sigma) ** 2
+    of_kind = kind_of(np.arange(len(sigma))) == np.arange(len(KINDS))[:, None]
+    share = of_kind.T.astype(float)
+    count = np.isfinite(squared) @ share
+    return np.where(count > 0.0, np.nan_to_num(squared) @ share / np.maximum(count, 1.0), np.nan)
+
+
+def mean_and_error(values: FloatArray) -> tuple[float, float]:
+    """Return the mean of the finite values and its standard error; zeros if there are none."""
+    known = values[np.isfinite(values)]
+    return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
+
+
+def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
+    """Return whether no kind of measurement comes out worse, by the scores of rows (n, kinds) before and after.
+
+    Each may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
+    noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
+    way, so that the standard error of next to nothing is smaller still.
+    """
+    harm = [mean_and_error(column) for column in (after - before).T]
+    return all(mean <= max(standard_errors * error, _NEGLIGIBLE) for mean, error in harm)
+
+
+def acceptable(before: FloatArray, after: FloatArray) -> bool:
+    """Return whether held-out rows bear a calibration, by their scores (n, kinds) without and with it.
+
+    They do unless all kinds of measurement together come out worse, or one of them does by more than two standard
+    errors; see :func:`harmless`.
+    """
+    together = sum(mean_and_error(column)[0] for column in (after - before).T)
+    return together <= 0.0 and harmless(before, after, _STANDARD_ERRORS)
+
+
 class _CrossValidation:
     """Scores a choice of groups: fitted to some training blocks and judged on another, in turn."""
 
@@ -66,25 +121,20 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = prior_std(model, self.tolerances, framed=self.measured.framed)
-        scores = np.full((len(self.rows), len(KINDS)), np.nan)
+        rows, measured = self.rows.with_model(model), self.measured
+        prior = prior_std(model, self.tolerances, framed=measured.framed)
+        scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
             start = Unknowns.zero(frames.frames, prior.size - FRAMES)
-            scores[validation] = self._fold(start, prior, model, train, validation)
+            try:
+                fit = identify(rows[train], measured[train], start, prior, self.options)
+            except CalibrationError:  # a choice that cannot be fitted is no choice
+                scores[validation] = _FAILED
+                continue
+            seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
+            scores[validation] = row_scores(seen.residual(prediction), seen.sigma)
+            scores[validation[seen.known.any(axis=1) & ~prediction.closed]] = _FAILED
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
-
-    def _fold(
-        self, start: Unknowns, prior: FloatArray, model: MeasurementModel, train: Rows, validation: Rows
-    ) -> FloatArray:
-        rows, measured = self.rows.with_model(model), self.measured
-        try:
-            fit = identify(rows[train], measured[train], start, prior, self.options)
-        except CalibrationError:
-            return np.full((validation.size, len(KINDS)), _FAILED)  # a choice that cannot be fitted is no choice
-        seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
-        score = row_scores(seen.residual(prediction), seen.sigma)
-        score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
-        return score
 
 
 def select_groups(
@@ -100,8 +150,7 @@ def select_groups(
 
     A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
     neither their positions nor their rotations get worse by more than one standard error and visibly; of several, the
-    one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end
-    (:mod:`pouring_robot.calibration.acceptance`).
+    one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end.
     """
     validate = _CrossValidation(rows, measured, split, tolerances, options or FitOptions())
     kept: list[ParameterGroup] = []

@@ -8,9 +8,16 @@ from typing import Any
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import CalibrationFindings
+from pouring_robot.calibration.findings import (
+    LEARNT,
+    Z95,
+    CalibrationFindings,
+    Movement,
+    combination_lines,
+    group_effects,
+    parameter_lines,
+)
 from pouring_robot.calibration.metrics import Misfit
-from pouring_robot.calibration.movements import LEARNT, Z95, Movement, combination_lines, group_effects, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition

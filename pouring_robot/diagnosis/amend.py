@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pouring_robot.calibration.amend import amended_model
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
@@ -42,7 +41,7 @@ def amended(diagnosis: Findings) -> RobotModel:
             chosen = [item for item, fixed in zip(parameters, still, strict=True) if fixed == wanted]
             if chosen:
                 entries.append(_entry(effect, form, wanted, chosen))
-    model = amended_model(diagnosis.model, inside, _local(inside, placed))
+    model = inside.amended(_local(inside, placed))
     if all(entry.placed for entry in entries):
         return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries]})
     learned, name = dict(diagnosis.model.learned), diagnosis.campaign.path.stem

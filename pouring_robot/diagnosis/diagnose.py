@@ -25,10 +25,9 @@ from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor
@@ -286,11 +285,11 @@ def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
     words = [
-        f"{noise.of(kind) / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
+        f"{noise[kind].sigma / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
         f"within the tolerances make {limit / si:.3g} {unit}"
         for kind, limit in limits.items()
         for unit, si in [("mrad", MRAD) if kind == "rotation" else ("mm", MM)]
-        if noise.of(kind) > limit
+        if noise[kind].sigma > limit
     ]
     return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
 

@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel

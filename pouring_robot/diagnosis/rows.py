@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Form, channel
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
-from pouring_robot.effects.families.base import channel
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.registry import local_changes, stack_of
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, Prediction
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
 from pouring_robot.mechanism.arrays import FloatArray

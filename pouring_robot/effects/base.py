@@ -27,6 +27,8 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.definition import Drive
 
 LocalChanges = Mapping[str, FloatArray]
 """Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.<joint>``, ``base.tz`` (of the
@@ -124,11 +126,7 @@ class Effect(ABC):
         """Return the forms of the effect under conditions that have all that it :attr:`needs`, the usual one first."""
 
     def form(self, name: str, conditions: Conditions) -> Form:
-        """Return one form by its name.
-
-        Raises:
-            BadInputError: the effect has no such form.
-        """
+        """Return one form by its name; raises BadInputError if the effect has no such form."""
         found = {form.name: form for form in self.forms(conditions)}
         if name not in found:
             raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
@@ -138,13 +136,8 @@ class Effect(ABC):
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
     """Return the forms of an effect that may be anybody's, after a look at what they change.
 
-    Args:
-        effect: with nothing missing.
-        conditions: n rows.
-        channels: names of the local parameters there are.
-
-    Raises:
-        BadInputError: the effect fails, changes what does not exist, or changes are no n finite numbers.
+    Under the n conditions nothing is missing; ``channels`` are the names of the local parameters there are. Raises
+    BadInputError if the effect fails, changes what does not exist, or changes are no n finite numbers.
     """
     try:
         forms = tuple(effect.forms(conditions))
@@ -166,3 +159,48 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
             if not parameter.prior_std > 0.0:
                 raise BadInputError(f"{where} needs a usual size above zero, not {parameter.prior_std:g}")
     return forms
+
+
+@dataclass(eq=False)
+class Family(Effect):
+    """A family of effects, made for parts of one robot.
+
+    Usual sizes are orders of size: evidence is averaged from a hundredth to ten times of them, and what only shapes an
+    effect from 0.03 to all of its part (docs/inference.md, "Two scales an effect").
+    """
+
+    id: str  # name in files and on the command line
+    story: str  # one line for people
+    drives: tuple[Drive, ...] = ()  # on which it acts
+
+
+def channel(drive: Drive) -> str:
+    """Return the name of the local parameter that moves a drive."""
+    return f"drive.{drive.joint}"
+
+
+def of_drives(drives: Sequence[Drive], unit: float, courses: FloatArray) -> dict[str, FloatArray]:
+    """Return the change of all drives along courses (n, drives), of a unit in m or rad."""
+    return {channel(drive): unit * courses[:, k] for k, drive in enumerate(drives)}
+
+
+def of_drive(
+    drive: Drive, name: str, prior_std: float, course: FloatArray, main: bool = True, per: str = ""
+) -> EffectParameter:
+    """Return a parameter that moves one drive along a course (n,), in its own unit; ``per`` is added to that."""
+    unit, si = ("mm", MM) if drive.unit == "m" else ("mrad", MRAD)
+    return EffectParameter(f"{drive.symbol}_{name}", unit + per, prior_std, {channel(drive): si * course}, main)
+
+
+def of_each(
+    conditions: Conditions,
+    drives: Sequence[Drive],
+    name: str,
+    prior_std: float,
+    courses: FloatArray,
+    main: bool = True,
+    per: str = "",
+) -> list[EffectParameter]:
+    """Return such a parameter for each of some drives: its own column of the courses of all drives, (n, D)."""
+    columns = zip(drives, conditions.places(drives), strict=True)
+    return [of_drive(drive, name, prior_std, courses[:, k], main, per) for drive, k in columns]

@@ -99,8 +99,7 @@ class Conditions:
 
     def places(self, drives: Sequence[Drive]) -> list[int]:
         """Return the columns of some drives."""
-        order = [drive.joint for drive in self.robot.drives]
-        return [order.index(drive.joint) for drive in drives]
+        return [self.robot.drives.index(drive) for drive in drives]
 
     @property
     def lengths_m(self) -> FloatArray:
@@ -212,8 +211,10 @@ class Conditions:
 
 def condition_names(robot: RobotDefinition) -> frozenset[str]:
     """Return the names of everything that rows may have, measured or worked out."""
-    own = {f.name for f in fields(Conditions)}
-    own |= {name for name in dir(Conditions) if isinstance(getattr(Conditions, name), property)}
+    own = {
+        *(f.name for f in fields(Conditions)),
+        *(n for n, own in vars(Conditions).items() if isinstance(own, property)),
+    }
     thermometers = {"ambient", *robot.thermometers, *(t.name for t in causes_of(robot).thermometers)}
     rises, travels = {f"{t}{RISE}" for t in thermometers}, {f"{t}_m" for t in robot.travels}
     return frozenset(own | rises | travels | {f"{group}{FORCE}" for group in robot.groups})
@@ -234,12 +235,9 @@ class NominalRows:
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
-    """Return the conditions of a campaign.
+    """Return the conditions of a campaign whose rows are all usable; ``nominal`` are the same rows by the drawing.
 
-    Args:
-        campaign: the data; all its rows are usable.
-        nominal: the same rows by the drawing.
-        learned: another campaign, which shapes shall count from and whose facts of the machine hold.
+    From another campaign, if one is given, shapes count (``learned``), and its facts of the machine hold.
     """
     filled: list[str] = []
     whole = functools.partial(_without_gaps, campaign, filled)

@@ -206,12 +206,9 @@ def in_words(conditions: Conditions, names: Iterable[str]) -> dict[str, Any]:
 
 
 def numbers(conditions: Conditions, *, by_pose: bool = False, moves_joints: bool = False) -> tuple[str, ...]:
-    """Return the names of the load and of temperatures that are one number a row.
+    """Return the names of the load and of temperatures that are one number a row, whether a campaign has them or not.
 
-    Args:
-        conditions: only those that the robot knows count, whether there or not.
-        by_pose: only those that may act differently in different poses.
-        moves_joints: only those that may displace joints.
+    Of these, if asked for, only those that may act differently in different poses, or may displace joints.
     """
     kinds = [t for t in conditions.causes.thermometers if len(t.members) == 1]
     kept = [t for t in kinds if t.by_pose >= by_pose and t.moves_joints >= moves_joints]

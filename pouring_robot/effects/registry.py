@@ -1,4 +1,4 @@
-"""Which effects there are: those of a robot's causes and those that installed packages offer.
+"""Which effects there are: those of a robot's causes, those that packages offer, and those that a model file has.
 
 A package offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
 
@@ -6,21 +6,25 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
     screw_wear = "my_package.effects:ScrewWear"
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from importlib.metadata import entry_points
 
-from pouring_robot.effects.base import Effect
-from pouring_robot.effects.conditions import condition_names
-from pouring_robot.effects.facts import known_facts
-from pouring_robot.effects.families.base import Family
+import numpy as np
+
+from pouring_robot.effects.base import Effect, EffectParameter, Family
+from pouring_robot.effects.conditions import Conditions, condition_names
+from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.exceptions import BadInputError, MissingConditionsError, closest
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 
 GROUP = "pouring_robot.effects"
@@ -55,20 +59,15 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
 
 
 def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
-    """Return the library's effects and those of installed packages, by id.
+    """Return the library's effects and those of installed packages, by id, by default for the default drawing.
 
-    Args:
-        robot: by default the drawing of the default model.
-
-    Raises:
-        BadInputError: a package's effect cannot be loaded, is none, or has the id of another one.
+    Raises BadInputError if a package's effect cannot be loaded, is none, or has the id of another one.
     """
     robot = robot or RobotModel().definition
     found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}
     for entry in entry_points(group=GROUP):
         try:
-            kind = entry.load()
-            effect = kind()
+            effect = entry.load()()
         except Exception as problem:  # any package may fail in any way; the user must learn which one
             said = " ".join(str(problem).split()) or type(problem).__name__
             raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {said}") from problem
@@ -92,13 +91,83 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
 
 
 def chosen_effects(robot: RobotDefinition | None = None, exclude: Sequence[str] = ()) -> dict[str, Effect]:
-    """Return all effects but some.
-
-    Raises:
-        BadInputError: an effect to leave out does not exist.
-    """
+    """Return all effects but some; raises BadInputError if an effect to leave out does not exist."""
     found = all_effects(robot)
     for name in exclude:
         if name not in found:
             raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")
     return {name: effect for name, effect in found.items() if name not in exclude}
+
+
+def stack_of(
+    model: RobotModel,
+    given: Collection[str],
+    conditions: Callable[[LearnedCampaign | None], Conditions],
+    *,
+    seen: bool = True,
+) -> tuple[list[tuple[EffectParameter, float]], tuple[str, ...]]:
+    """Return what of a model depends on conditions, not being placed: parameters, each with its value in its unit.
+
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. ``given`` are
+    the headings of all conditions that are known, in inner units; ``conditions`` gives those of the rows, as shapes
+    that were learned in a campaign count them. ``seen``: with what does not move the robot but what is seen of it.
+
+    Raises:
+        MissingConditionsError: an effect needs one that is not given.
+        BadInputError: an effect, a form or a parameter is unknown, or in another unit.
+    """
+    found, untold = list[tuple[EffectParameter, float]](), dict[str, None]()
+    known, counted = all_effects(model.definition), dict[str, Conditions]()
+    for entry in model.effects:
+        if entry.placed:
+            continue
+        effect = known.get(entry.effect)
+        if effect is None:
+            raise BadInputError(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
+        if not (effect.moves_robot or seen):
+            continue
+        learned = model.learned.get(entry.learned)
+        if entry.learned not in counted:
+            counted[entry.learned] = conditions(learned)
+        rows = counted[entry.learned]
+        missing = sources(effect.missing(rows), model.definition)
+        lost = [heading for heading in learned.ranges if heading not in given] if learned else []
+        missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
+        if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
+            raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
+        form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+        for name, parameter in entry.parameters.items():
+            if name not in form and lost:
+                raise MissingConditionsError(entry.effect, lost)
+            if name not in form:
+                said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
+                raise BadInputError(f"{said} under the conditions of this campaign{closest(name, form)}")
+            if parameter.unit != form[name].unit:
+                said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
+                raise BadInputError(f"{said}; it must be in '{form[name].unit}'")
+            if parameter.value and not _is_known(form[name]):
+                some = replace(rows, session=np.full_like(rows.session, -1))
+                by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
+                raise MissingConditionsError(entry.effect, ("session" if by_session else "time_s",))
+            found.append((form[name], parameter.value))
+        for part, count in effect.untold(rows).items():
+            where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
+            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
+    return found, tuple(untold)
+
+
+def _is_known(parameter: EffectParameter) -> bool:
+    return all(np.isfinite(change).all() for change in parameter.changes.values())
+
+
+def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]) -> dict[str, FloatArray]:
+    """Return the change of local parameters that effects make together in n rows, (n,) each, in m and rad, by name.
+
+    The ``values`` are one a parameter, in its unit.
+    """
+    total: dict[str, FloatArray] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if value:
+            for name, change in parameter.changes.items():
+                total[name] = total.get(name, 0.0) + value * change
+    return total

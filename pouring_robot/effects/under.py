@@ -26,8 +26,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, to_inner
@@ -51,8 +50,7 @@ _SAME = 1e-6  # of its range: by how much a condition may lie beyond it
 def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     """Return conditions by quantity name, numbers in inner units.
 
-    Raises:
-        BadInputError: a heading is no condition of the robot, one is said twice, or a value is impossible.
+    Raises BadInputError if a heading is no condition of the robot, one is said twice, or a value is impossible.
     """
     known = {heading: quantity for quantity in condition_columns(robot) for heading in quantity.headings}
     found: dict[str, Any] = {}
@@ -85,8 +83,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
 def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
     """Return the conditions that stand beside the commands of a table, by heading.
 
-    Raises:
-        TableError: the file cannot be read, or a condition is missing in a row or no number.
+    Raises TableError if the file cannot be read, or a condition is missing in a row or no number.
     """
     table, found = read_table(path, "time_s"), dict[str, FloatArray | tuple[str, ...]]()
     known = condition_headings(robot)
@@ -101,16 +98,15 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 class RobotUnderConditions:
     """A robot as built and the conditions it works under; those effects of its model that depend on them come on top.
 
-    Attributes:
-        notes: what one should know of the commands and conditions asked for last, in a line each.
-
     Raises:
         BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.
     """
 
+    notes: tuple[str, ...] = ()  # what one should know of the commands and conditions asked for last, in a line each
+
     def __init__(self, robot: Robot, given: Given) -> None:
         self.robot, self.definition = robot, robot.model.definition
-        self.given, self.notes = understood(self.definition, given), tuple[str, ...]()
+        self.given = understood(self.definition, given)
         lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]
         if lost:
             raise BadInputError(
@@ -119,10 +115,7 @@ class RobotUnderConditions:
             )
 
     def robots(self, drives: FloatArray) -> list[Robot]:
-        """Return the robot as it stands at each command, in their order.
-
-        Args:
-            drives: commanded drives, (n, drives), in m and rad.
+        """Return the robot as it stands at each command: drives (n, drives), in m and rad.
 
         Raises:
             MissingConditionsError: an effect needs a condition that is not given.
@@ -139,11 +132,9 @@ class RobotUnderConditions:
         nominal = nominal_rows(self.definition, engine, closure)
 
         def counted(learned: LearnedCampaign | None) -> Conditions:
-            if learned is None:
-                raise TypeError("every effect says where it was learned")
             found = conditions_of(campaign, nominal, learned)
             # The order of rows stands for time in the campaign itself only.
-            return found if learned.timed else replace(found, time_known=True)
+            return found if learned and learned.timed else replace(found, time_known=True)
 
         given = told(campaign)
         try:
@@ -226,16 +217,9 @@ class RobotUnderConditions:
 def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:
     """Return a robot as it stands at each command under conditions; a robot as any other each.
 
-    Args:
-        model: as built.
-        commands: poses of the pouring robot, or drive values in m and rad, in the order in which they are reached.
-        given: conditions by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given
-            of sides of approach follows from the order of the commands.
-
-    Raises:
-        MissingConditionsError: an effect needs a condition that is not given.
-        BadInputError: a condition is none of the robot's, or a value is impossible.
-        NoSolutionError: a command has no answer.
+    Commands are poses of the pouring robot, or drive values in m and rad, in the order in which they are reached;
+    conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given of sides
+    of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
     robot = model if isinstance(model, Robot) else robot_of(RobotModel.of(model))
     return RobotUnderConditions(robot, given).robots(np.array([robot.drives_of(command) for command in commands]))
@@ -252,10 +236,7 @@ def compensate_under(
     The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move;
     ``bring`` compensates a robot that stands still, for the pose of a number.
 
-    Raises:
-        CompensationError: commands do not settle.
-        BadInputError: as :meth:`RobotUnderConditions.robots`.
-        NoSolutionError: what ``bring`` raises, or as that.
+    Raises CompensationError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
     commands, moving = np.array([under.robot.drives_of(command) for command in wanted]), np.arange(len(wanted))
     found: dict[int, Found] = {}

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse.csgraph import connected_components
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -75,16 +76,10 @@ class BaseParameters:
 def base_parameters(
     matrix: FloatArray, names: Sequence[str], tolerance: float = RANK_TOLERANCE, lead: Sequence[str] = ()
 ) -> BaseParameters:
-    """Split the columns of a regressor.
+    """Split the K named columns of a whitened regressor (m, K).
 
-    Args:
-        matrix: whitened regressor, shape (m, K); see :func:`~pouring_robot.estimation.residuals.regressor`.
-        names: of the columns.
-        tolerance: of zero columns and of the rank; see :data:`RANK_TOLERANCE`.
-        lead: names that are to stand for their group where there is a choice; the frames, say.
-
-    Raises:
-        BadInputError: the shapes do not fit or the matrix is not finite.
+    Names in ``lead``, the frames, say, stand for their group where there is a choice; for ``tolerance`` see
+    :data:`RANK_TOLERANCE`. Raises BadInputError if the shapes do not fit or the matrix is not finite.
     """
     names = tuple(names)
     if matrix.ndim != 2 or matrix.shape[1] != len(names) or not np.isfinite(matrix).all():
@@ -125,29 +120,20 @@ def _groups(
     names: tuple[str, ...], kept: np.ndarray, dependent: np.ndarray, shares: FloatArray, scale: FloatArray
 ) -> tuple[DependentGroup, ...]:
     """Return the connected parts: a dependent column ties together all base columns it is a combination of."""
-    tied = np.abs(shares) > _NO_SHARE
-    parts: list[tuple[set[int], set[int]]] = []
-    for column in range(dependent.size):
-        base = set(np.flatnonzero(tied[:, column]).tolist())
-        if not base:
-            continue
-        members = {column}
-        for part in [part for part in parts if part[0] & base]:
-            parts.remove(part)
-            base, members = base | part[0], members | part[1]
-        parts.append((base, members))
+    graph = np.zeros((len(names), len(names)))  # of all unknowns: which dependent one has a share of which base
+    graph[np.ix_(kept, dependent)] = np.where(np.abs(shares) > _NO_SHARE, shares, 0.0)
+    parts = connected_components(graph, directed=False)[1]
     groups = []
-    for base, members in parts:
-        combinations = []
-        for b in sorted(base, key=lambda b: int(kept[b])):
-            combination = {names[kept[b]]: 1.0}
-            for d in sorted(members, key=lambda d: int(dependent[d])):
-                if tied[b, d]:
-                    combination[names[dependent[d]]] = float(shares[b, d] * scale[dependent[d]] / scale[kept[b]])
-            combinations.append(combination)
-        every = sorted([*(int(kept[b]) for b in base), *(int(dependent[d]) for d in members)])
-        groups.append(DependentGroup(tuple(names[k] for k in every), tuple(combinations), len(members)))
-    return tuple(sorted(groups, key=lambda group: names.index(group.members[0])))
+    for part in dict.fromkeys(parts.tolist()):
+        members = np.flatnonzero(parts == part)
+        base, hidden = (members[np.isin(members, some)] for some in (kept, dependent))
+        if base.size and hidden.size:
+            combinations = tuple(
+                {names[b]: 1.0} | {names[d]: float(graph[b, d] * scale[d] / scale[b]) for d in hidden if graph[b, d]}
+                for b in base
+            )
+            groups.append(DependentGroup(tuple(names[k] for k in members), combinations, len(hidden)))
+    return tuple(groups)
 
 
 def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:

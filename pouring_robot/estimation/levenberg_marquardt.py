@@ -51,10 +51,8 @@ class Trial(NamedTuple):
 class Search:
     """The state is the best point so far, in the normal equations of prior-scaled variables.
 
-    It begins at ``start``; ``prior_std`` are those of all unknowns, (12 + P,), in m and rad.
-
-    Raises:
-        CalibrationError: too few rows can be used.
+    It begins at ``start``; ``prior_std`` are those of all unknowns, (12 + P,), in m and rad. Raises CalibrationError if
+    too few rows can be used.
     """
 
     def __init__(
@@ -78,10 +76,8 @@ class Search:
     def run(self, tolerance: float, most_evaluations: int) -> float:
         """Search, and return the length of the step not taken any more, in standard deviations of the answer.
 
-        It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times.
-
-        Raises:
-            CalibrationError: the search ends far from an answer.
+        It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times; raises
+        CalibrationError if that is far from an answer.
         """
         damping, patience = 0.0, _PATIENCE  # the problem is nearly linear: Gauss-Newton until a step fails
         stride, last = 1.0, np.zeros_like(self.gradient)

@@ -26,10 +26,9 @@ from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
-from pouring_robot.estimation.instruments import Kind, are
+from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -39,11 +38,7 @@ _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
-    """Return a campaign whose sessions all measure from one place, as the present robot tells it.
-
-    Raises:
-        CampaignError: a session has too few whole positions to tell where it measured from.
-    """
+    """Return a campaign whose sessions all measure from one place, by the present robot; see ``in_one_frame``."""
     if campaign.metadata.frames != PER_SESSION:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()
@@ -54,10 +49,7 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
 
     Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
-    frames, and they stay at one.
-
-    Raises:
-        FrameFitError: something was measured of places, but of too few rows.
+    frames, and they stay at one. Raises FrameFitError if something was measured of places, but of too few rows.
     """
     closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)
@@ -78,9 +70,6 @@ def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFra
     Least squares from many starts, of the present robot: the 24 ways of laying axes along axes, each shifted so that
     what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
     that the data leave open stay near their start.
-
-    Raises:
-        FrameFitError: fewer than FEWEST_ROWS rows tell anything of places.
     """
     told = measured.known[:, : FRAMES // 2 + 1].any(axis=1) & closure.closed
     if told.sum() < FEWEST_ROWS:

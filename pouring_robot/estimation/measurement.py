@@ -28,7 +28,7 @@ from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
@@ -72,8 +72,21 @@ class Unknowns:
         return self.start.moved(self.values)
 
 
+class Differentiated:
+    """What may carry a Jacobian by the unknowns."""
+
+    jacobian: FloatArray | None
+
+    @property
+    def derivatives(self) -> FloatArray:
+        """The Jacobian; raises BadInputError if only the prediction was asked for."""
+        if self.jacobian is None:
+            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+        return self.jacobian
+
+
 @dataclass(frozen=True, eq=False)
-class Prediction(PoseStack):
+class Prediction(PoseStack, Differentiated):
     """What the tracker should see of n rows: poses of the target in its frame, NaN where a row does not close."""
 
     status: NDArray[np.uint8]  # 0 closed, 1 not converged or singular, 2 left open too far, 3 no pose has these drives
@@ -101,26 +114,13 @@ class Prediction(PoseStack):
         """Which rows have a prediction, shape (n,)."""
         return np.asarray(self.status == 0)
 
-    @property
-    def derivatives(self) -> FloatArray:
-        """The Jacobian.
-
-        Raises:
-            BadInputError: only the prediction was asked for.
-        """
-        if self.jacobian is None:
-            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-        return self.jacobian
-
 
 class MeasurementModel:
     """Predicts measurements of one robot with a chosen set of parameters. Safe to use from several threads.
 
-    Args:
-        model: the present robot; parameters act on top of its errors.
-        parameters: placement parameters (DH parameters too, as :attr:`DHParameter.local`) and drive parameters.
-        threads: how many share the work; by default one a core. Results do not depend on it.
-        sessions: unknowns of sessions with frames of their own, six each; they stand behind all others.
+    Parameters of placements (DH parameters too, as :attr:`DHParameter.local`) and drives act on top of the errors of
+    the present robot; unknowns of sessions with frames of their own, six each, stand behind all others. By default a
+    thread a core shares the work; results do not depend on it.
 
     Raises:
         UnknownJointError: a parameter names a joint that is in no chain.
@@ -170,15 +170,10 @@ class MeasurementModel:
     def at(
         self, drives: FloatArray, start: BatchStart | None = None, sessions: Sequence[str] | None = None
     ) -> ModelledRows:
-        """Return rows to predict.
+        """Return rows to predict: commanded drives (n, drives), in m and rad; the model's own offsets come on top.
 
-        Args:
-            drives: commanded drives, shape (n, drives), in m and rad; the model's own drive offsets come on top.
-            start: where to start closing, if known; by default the drawing's closed poses.
-            sessions: of each row, where some have frames of their own; by default those of the largest.
-
-        Raises:
-            BadInputError: the shape is wrong.
+        Closing starts at the drawing's closed poses if no ``start`` is known. ``sessions`` are those of the rows where
+        some have frames of their own; by default all are in the largest. Raises BadInputError of another shape.
         """
         drives = np.asarray(drives, dtype=float)
         count = len(self.engine.structure.mechanism.loops.drives)
@@ -200,6 +195,25 @@ class MeasurementModel:
         offsets = self.model.drive_offset_values()
         own = np.array([offsets.get(name, 0.0) for name in self.engine.structure.mechanism.loops.drives])
         return own if values is None else np.asarray(self._drives @ values[: len(self.parameters)] + own)
+
+    def amended(self, values: FloatArray) -> RobotModel:
+        """Return the present robot with parameter values (P,), in m and rad, added.
+
+        Placements are composed exactly, drive offsets summed. Raises CalibrationError if the result is too large to be
+        an error of a robot.
+        """
+        structure = self.engine.structure
+        errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
+        placements = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in errors if error.any()}
+        added = (self.drive_errors(values) - self.drive_errors(None)).tolist()
+        drives = {name: own for name, own in zip(structure.mechanism.loops.drives, added, strict=True) if own}
+        amended = self.model.displaced(placements, drives)
+        try:
+            amended.check_errors()
+        except BadInputError as problem:
+            mend = "check units and drive zeros of the campaign, or the model's layout"
+            raise CalibrationError(f"the fit is not credible: {problem}", mend) from problem
+        return amended
 
     def moved_parameters(self, errors: FloatArray) -> tuple[LocalParameter, ...]:
         """Return the parameters as twists on top of placements displaced by ``errors`` (sites, 6).
@@ -228,17 +242,10 @@ class MeasurementModel:
         errors: FloatArray,
         base: FloatArray | None = None,
     ) -> Prediction:
-        """Return a prediction with its Jacobian by the frames at zero and by local parameters added.
+        """Return a prediction, of the same frames and base, with its Jacobian by the frames at zero and by parameters.
 
-        Args:
-            prediction: as :meth:`Prediction.of` the same frames and base.
-            frames: the outer frames.
-            parameters: one a column after the frames, on top of the errors.
-            errors: displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m and rad.
-            base: displacement of the fixed platform, row by row, (n, 6).
-
-        Returns:
-            Rows that are singular have status 1 and no Jacobian.
+        These come on top of ``errors``, the displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m
+        and rad, one a column after the frames. Rows that are singular have status 1 and no Jacobian.
         """
         transfer, poses = self.engine.transfer(prediction.closure, parameters, errors), prediction.poses
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
@@ -277,11 +284,7 @@ class ModelledRows:
         return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
-        """Close the loops and return what the tracker should see.
-
-        Raises:
-            BadInputError: the number of values does not fit, or one is not finite.
-        """
+        """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
         model = self.model
         if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")

@@ -5,16 +5,13 @@ Where it is neither, a fit says what it leaves over: ``estimation.map_fit.fit_wi
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.instruments import KINDS, Kind, are
-from pouring_robot.estimation.noise_level import FIRST_GUESS_M, FIRST_GUESS_RAD, NoiseLevel, field_of
+from pouring_robot.estimation.instruments import KINDS, Kind, Noise, NoiseLevel, are
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -33,13 +30,8 @@ def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 
 
-def repeat_noise(
-    measured: MeasuredPoses, groups: list[NDArray[np.intp]]
-) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Return the scatter of repeats about their means and its degrees of freedom, of positions and of rotations.
-
-    Standard deviation in m and rad with its freedoms, each; None with fewer than 12 freedoms.
-    """
+def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tuple[Noise | None, Noise | None]:
+    """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
     sums, freedoms = np.zeros(2), np.zeros(2)
     for rows in groups:
         position = measured.position_m[rows]
@@ -54,7 +46,9 @@ def repeat_noise(
             sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
             freedoms[1] += 3 * (len(turned) - 1)
     found = [
-        (float(np.sqrt(total / freedom)), float(freedom)) if freedom >= _FEWEST_FREEDOMS and total > 0.0 else None
+        Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
+        if freedom >= _FEWEST_FREEDOMS and total > 0.0
+        else None
         for total, freedom in zip(sums, freedoms, strict=True)
     ]
     return found[0], found[1]
@@ -62,19 +56,15 @@ def repeat_noise(
 
 def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
     """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
-    first = NoiseLevel(FIRST_GUESS_M, FIRST_GUESS_RAD, "residuals", "residuals")
-    measured = MeasuredPoses.from_campaign(campaign, first)
-    position, rotation = repeat_noise(measured, repeats(campaign, rows))
+    measured, facts = MeasuredPoses.from_campaign(campaign, NoiseLevel({})), campaign.metadata
+    stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
+    scatter = (*repeat_noise(measured, repeats(campaign, rows)), None, None)
     there = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
-    found: dict[str, Any] = {}
-    for kind, seen in zip(KINDS, (position, rotation, None, None), strict=True):
-        given, source = getattr(campaign.metadata, f"sigma_{field_of(kind)}"), "residuals"
-        if given is not None:
-            found[field_of(kind)], source = given, "stated"
-        elif seen is not None:
-            (found[field_of(kind)], found[f"{kind}_freedoms"]), source = seen, "repeats"
-        found[f"{kind}_source"] = source if kind in there else "none"
-    return replace(first, **found)
+    found: dict[Kind, Noise] = {}
+    for kind, given, seen in zip(KINDS, stated, scatter, strict=True):
+        noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
+        found[kind] = noise if kind in there else Noise(noise.sigma)
+    return NoiseLevel(found)
 
 
 def largest_noise(
@@ -89,4 +79,4 @@ def largest_noise(
     """
     variance = sum((column**2 for column in tolerated), np.zeros(len(components)))
     seen = {kind: are(kind, components) for kind in noise.open_kinds}
-    return {kind: noise.of(kind) * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}
+    return {kind: noise[kind].sigma * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}

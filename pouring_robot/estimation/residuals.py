@@ -6,7 +6,6 @@ The robust loss judges the coordinates of a row together: one slip spoils all th
 from __future__ import annotations
 
 import functools
-import itertools
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,9 +15,17 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import KINDS, Closures, Distances, Instrument, Places, Turns, kind_of
-from pouring_robot.estimation.measurement import BoolArray, Prediction
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import (
+    KINDS,
+    Closures,
+    Distances,
+    Instrument,
+    NoiseLevel,
+    Places,
+    Turns,
+    kind_of,
+)
+from pouring_robot.estimation.measurement import BoolArray, Differentiated, Prediction
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
@@ -65,9 +72,9 @@ class MeasuredPoses(PoseStack):
         if redundant or distance is not None:
             length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
             rows = np.arange(len(campaign))
-            others.append(Distances(noise.distance_m, length, rows, campaign.distance_start))
+            others.append(Distances(noise["distance"].sigma, length, rows, campaign.distance_start))
         if redundant:
-            others.append(Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1)))
+            others.append(Closures(noise["closure"].sigma, np.repeat(usable[:, None], redundant, axis=1)))
         return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
@@ -77,7 +84,7 @@ class MeasuredPoses(PoseStack):
 
     def with_noise(self, noise: NoiseLevel) -> MeasuredPoses:
         """Return the same with another noise level."""
-        others = tuple(replace(instrument, sigma=noise.of(instrument.kind)) for instrument in self.others)
+        others = tuple(replace(instrument, sigma=noise[instrument.kind].sigma) for instrument in self.others)
         return replace(self, sigma_position_m=noise.position_m, sigma_rotation_rad=noise.rotation_rad, others=others)
 
     def without(self, rows: NDArray[np.intp]) -> MeasuredPoses:
@@ -111,20 +118,14 @@ class MeasuredPoses(PoseStack):
         return np.concatenate([instrument.difference(prediction) for instrument in self.instruments], axis=1)
 
     def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
-        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P).
-
-        Raises:
-            BadInputError: the prediction carries no Jacobian.
-        """
-        ends = np.cumsum([0, *(instrument.known.shape[1] for instrument in self.instruments)])
-        jacobian = np.empty((*residual.shape, prediction.derivatives.shape[2]))
-        for instrument, (first, last) in zip(self.instruments, itertools.pairwise(ends.tolist()), strict=True):
-            jacobian[:, first:last] = instrument.jacobian(prediction, residual[:, first:last])
-        return jacobian
+        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P)."""
+        ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments])[:-1]
+        parts = zip(self.instruments, np.split(residual, ends, axis=1), strict=True)
+        return np.concatenate([instrument.jacobian(prediction, part) for instrument, part in parts], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedEquations:
+class WhitenedEquations(Differentiated):
     """Residuals over their noise, missing components left out."""
 
     residual: FloatArray  # shape (m,): measured minus predicted over sigma
@@ -132,17 +133,6 @@ class WhitenedEquations:
     rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
     components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
     failed: NDArray[np.intp]  # rows that were measured but have no prediction
-
-    @property
-    def derivatives(self) -> FloatArray:
-        """The Jacobian.
-
-        Raises:
-            BadInputError: it was not asked for.
-        """
-        if self.jacobian is None:
-            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-        return self.jacobian
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:
@@ -162,13 +152,8 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:
     """Return the whitened Jacobian of the predicted measurement, shape (m, 12 + P): what planning weighs poses by.
 
-    Args:
-        prediction: with its Jacobian.
-        sigma: standard deviation of the six components, shape (6,), in m and rad.
-        known: which components are measured, shape (n, 6); by default all.
-
-    Raises:
-        BadInputError: the prediction carries no Jacobian.
+    ``sigma`` is the standard deviation of the six components, (6,), in m and rad; ``known`` says which are measured,
+    (n, 6), by default all. The prediction carries its Jacobian.
     """
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known
@@ -200,10 +185,7 @@ def scatter(equations: WhitenedEquations) -> float:
 def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
     """Return the summed loss, and the weight of each equation, shape (m,).
 
-    ``widened`` is a factor on the bound up to which the loss is quadratic.
-
-    Raises:
-        BadInputError: there is no such loss.
+    ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
     bound, size = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], np.sqrt(squared)

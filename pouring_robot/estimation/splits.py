@@ -51,17 +51,11 @@ class Split:
 
 
 def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Split:
-    """Split a campaign; what was measured plays no part in it.
+    """Split a campaign, but for rows that no fit should use; what was measured plays no part in it.
 
-    The test block is the last one: the last session or stretch of time, or the region whose first row comes last.
-
-    Args:
-        campaign: the data.
-        left_out: rows that no fit should use, such as outliers.
-        hold_out: kind of block; ``auto``: sessions if there are four or more, the last large enough, else regions.
-
-    Raises:
-        CalibrationError: there are too few rows.
+    The test block is the last one: the last session or stretch of time, or the region whose first row comes last. Of
+    themselves (``auto``) blocks are sessions if there are four or more, the last large enough, else regions. Raises
+    CalibrationError if there are too few rows.
     """
     own_frames = campaign.metadata.frames == PER_SESSION
     if own_frames and hold_out in ("session", "time"):
@@ -89,16 +83,10 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
 def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Rows]:
     """Return whole blocks of rows, ascending, by name: every usable row is in exactly one.
 
-    Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not.
-
-    Args:
-        campaign: the data.
-        kind: ``session`` (one block a session), ``time`` (stretches of equal length in order of time; of rows
-            where no time is known) or ``region`` (neighbours in drive space; repeats of a pose stay together).
-        count: number of blocks by time or region; less come where the rows do not allow as many.
-
-    Raises:
-        BadInputError: the kind is unknown or the count below 2.
+    Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
+    sessions, up to ``count`` stretches of equal length in order of time (of rows where no time is known), or as many
+    regions (neighbours in drive space; repeats of a pose stay together). Raises BadInputError if the kind is unknown or
+    the count below 2.
     """
     if count < 2:
         raise BadInputError(f"a split needs at least 2 blocks, not {count}")

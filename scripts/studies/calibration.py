@@ -18,17 +18,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.movements import Z95
+from pouring_robot.calibration.findings import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import BoolArray, MeasurementModel, ModelledRows, Unknowns, prior_std
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
@@ -183,7 +182,7 @@ def virtual_campaign(
     Raises:
         CampaignError: the robot cannot take a pose.
     """
-    actual = PouringRobot(amended_model(RobotModel(), model, truth))
+    actual = PouringRobot(model.amended(truth))
     plan = random_plan(drawing, options.rows, seed)
     noise = MeasurementOptions(options.sigma_position_m, options.sigma_rotation_rad, seed=seed)
     return simulate_campaign(actual, plan, noise).campaign

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.acceptance import acceptable, harmless, mean_and_error, row_scores
+from pouring_robot.calibration.selection import acceptable, harmless, mean_and_error, row_scores
 
 SIGMA = np.array([2.0, 2.0, 2.0, 0.5, 0.5, 0.5])
 

@@ -25,7 +25,7 @@ def test_the_gap_closes_to_the_noise(found):
     assert before.rms_mm > 5.0 * after.rms_mm
     assert after.rms_mm < 1.5 * SIGMA_M * 1e3
     assert found.changed
-    assert found.noise.position_source == "repeats"
+    assert found.noise["position"].source == "repeats"
     assert found.calibrated.joint_placements
     assert found.std.shape == (len(found.unknown_names),) == (len(found.unknown_units),)
     np.testing.assert_allclose(np.diagonal(found.correlation), 1.0)
@@ -74,7 +74,7 @@ def test_positions_only(as_built):
     found = calibrate(campaign, None, CalibrationOptions(parameters=("centres",)))
     assert found.misfit(found.split.test, after=True).rms_mm < found.misfit(found.split.test, after=False).rms_mm
     assert np.isnan(found.misfit(found.split.test, after=True).rms_mrad)
-    assert found.noise.rotation_source == "none"
+    assert found.noise["rotation"].source == "none"
 
 
 def test_wrong_units_are_refused_before_any_fit(clean):

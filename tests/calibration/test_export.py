@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from pouring_robot.calibration.export import described, write_calibration
+from pouring_robot.calibration.report import described, write_calibration
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import check_folder
 from pouring_robot.robot.heat_section import HeatSection

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
+from pouring_robot.calibration.metrics import ladle_uncertainty, workspace_rows
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.map_fit import first_frames, identify
 from tests.estimation.virtual import Virtual, model_of
@@ -20,7 +20,7 @@ def fitted(drawing):
 def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
     rows = workspace_rows(virtual.model)
     lip = drawing.nominal_solver.mechanism.T_end_tool
-    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, lip, turned=turned)
+    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, turned=turned)
 
 
 def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):

@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-from pouring_robot.calibration.movements import parameter_lines
+from pouring_robot.calibration.findings import parameter_lines
 from pouring_robot.calibration.report import (
     combination_table,
     effect_table,

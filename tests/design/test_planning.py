@@ -23,7 +23,7 @@ from pouring_robot.design.planning import Planner, compare_with_random, random_v
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads

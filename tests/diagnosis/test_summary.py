@@ -31,6 +31,7 @@ from pouring_robot.diagnosis.report.sentences import (
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -251,7 +252,7 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
     assert hot.free_residuals.noise_freedoms == np.inf
-    noise = replace(hot.noise, position_source="repeats", position_freedoms=30.0)
+    noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", freedoms=30.0)})
     repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows, noise)
     assert repeated.noise_freedoms == 30.0
     squares, count = 1.4 * 300.0, 300.0

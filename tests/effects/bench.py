@@ -15,7 +15,7 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
 from pouring_robot.effects import conditions
 from pouring_robot.effects.registry import library
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
@@ -25,7 +25,7 @@ from tests.rig.metrology import Tracker, basis, without
 from tests.rig.rotations import to_vector
 
 SIGMA_M, SIGMA_RAD = 5e-5, 6e-5
-NOISE = NoiseLevel(SIGMA_M, SIGMA_RAD, "stated", "stated")
+NOISE = NoiseLevel.stated(SIGMA_M, SIGMA_RAD)
 METADATA = CampaignMetadata(
     sigma_position_m=SIGMA_M,
     sigma_rotation_rad=SIGMA_RAD,

@@ -13,14 +13,14 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
 from tests.support import ROOT
 
-NOISE = NoiseLevel(5e-5, 6e-5, "stated", "stated")
+NOISE = NoiseLevel.stated(5e-5, 6e-5)
 ROWS = 24
 EVERY = ("joint_placement", "link_thermal_expansion", "base_drift", "metrology_scale", "session_offset")
 SLIDING = ("drive_zero_offset", "drive_scale", "drive_periodic", "drive_backlash", "drive_compliance")

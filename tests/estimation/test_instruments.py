@@ -14,11 +14,10 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.instruments import KINDS, component_name, kind_of
+from pouring_robot.estimation.instruments import KINDS, NoiseLevel, component_name, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.noise import noise_beforehand
-from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.parameters import DriveParameter
@@ -170,7 +169,7 @@ def test_noise_of_each_kind_is_stated_or_open(drives):
     assert noise_beforehand(campaign, np.arange(24)).open_kinds == ("distance",)
     stated = dataclasses.replace(campaign, metadata=MADE.model_copy(update={"sigma_distance_m": 2e-4}))
     found = noise_beforehand(stated, np.arange(24))
-    assert (found.open_kinds, found.distance_m, found.length_kind) == ((), 2e-4, "distance")
+    assert (found.open_kinds, found["distance"].sigma, found.length_kind) == ((), 2e-4, "distance")
 
 
 def test_columns_of_distances_and_forces(tmp_path, drives):

@@ -24,12 +24,12 @@ def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
 
 def test_noise_from_repeats(repeated):
     noise = noise_beforehand(repeated, np.arange(len(repeated)))
-    assert noise.position_source == noise.rotation_source == "repeats"
+    assert noise["position"].source == noise["rotation"].source == "repeats"
     # Twenty differences of three coordinates: 1 / sqrt(2 * 60) is nine per cent.
     assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
     assert noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
     assert not noise.from_residuals
-    assert noise.position_freedoms == noise.rotation_freedoms == noise.freedoms == 60
+    assert noise["position"].freedoms == noise["rotation"].freedoms == noise.freedoms == 60
 
 
 def test_repeat_noise_by_hand():
@@ -38,19 +38,19 @@ def test_repeat_noise_by_hand():
     measured = MeasuredPoses(position, np.full((13, 3, 3), np.nan), 1.0, 1.0)
     found, turned = repeat_noise(measured, [np.arange(13)])
     expected = np.sqrt(((position[:, 0] - position[:, 0].mean()) ** 2).sum() / 36)
-    assert found == (pytest.approx(expected), 36)
+    assert (found.sigma, found.freedoms) == (pytest.approx(expected), 36)
     assert turned is None
     assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
 
 
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
     stated = noise_beforehand(clean.campaign, np.arange(60))
-    assert (stated.position_m, stated.position_source) == (SIGMA_M, "stated")
+    assert (stated.position_m, stated["position"].source) == (SIGMA_M, "stated")
     assert stated.freedoms == np.inf
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
     assert noise_beforehand(blank, np.arange(60)).from_residuals
-    assert noise_beforehand(positions.campaign, np.arange(60)).rotation_source == "none"
+    assert noise_beforehand(positions.campaign, np.arange(60))["rotation"].source == "none"
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):

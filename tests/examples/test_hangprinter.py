@@ -36,7 +36,7 @@ def test_a_misfit_that_is_too_large_for_noise_is_no_calm(tmp_path):
     shutil.copy(MACHINE / "samples.yaml", tmp_path)
     model = pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml"))
     found = pouring_robot.diagnose(tmp_path / "samples.csv", model)
-    assert found.noise.closure_m > 0.2
+    assert found.noise["closure"].sigma > 0.2
     assert found.verdict == "unknown"
     assert found.headline.startswith("UNKNOWN: what is left over is too large for noise: ")
     assert "RMS a closure, where all errors within the tolerances make " in found.misfit

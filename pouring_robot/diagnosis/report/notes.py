@@ -29,7 +29,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
     if not given.time_known:
         lines.append("there is no time: the order of the rows stands for it")
-    if "repeats" in map(diagnosis.noise.source, KINDS):
+    if "repeats" in (diagnosis.noise[kind].source for kind in KINDS):
         lines.append(
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"

@@ -203,7 +203,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
 
 def _factor(largest_m: float, against: CampaignRows) -> float:
     """Return how many times gaps are enlarged: to be seen, but never so much that mere noise looks like one."""
-    known = against.noise.position_source not in ("residuals", "none")
+    known = against.noise["position"].source not in ("residuals", "none")
     return exaggeration_for(max(largest_m, _NOISE * against.noise.position_m if known else 0.0))
 
 
@@ -238,7 +238,7 @@ def _caption(
     campaign, noise = against.campaign, against.noise
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
     off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
-    known = noise.position_source not in ("residuals", "none")
+    known = noise["position"].source not in ("residuals", "none")
     more = [("noise of a coordinate", f"{noise.position_m / MM:.3g} mm")] if known else []
     if not campaign.full_pose:
         more.append(("measured", "rotations are the model's: only positions were measured"))

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import Form
+from pouring_robot.effects.base import Family, Form, of_drive, of_each
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.families.base import Family, of_drive, of_each
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import Drive

@@ -1,15 +1,15 @@
 """Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it."""
 
 import functools
+import itertools
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.effects.base import EffectParameter, Form, LocalChanges
+from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.families.base import Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 
@@ -53,15 +53,14 @@ class DriveGrowth(Family):
         std, thermometers = _PRIOR_STD_PPM, conditions.causes.drive_thermometers
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
 
-        def all_of_them(name: str, size: float, course: FloatArray) -> EffectParameter:
-            return EffectParameter(name, "1e-6/K", size * std, of_drives(self.drives, _PPM, course), main=False)
-
-        found = [replace(all_of_them("expansion", 1.0, length * rise), main=True, bounds=(0.0, np.inf))]
-        found.append(all_of_them("other_length", 1.0, other * rise))
-        found += [all_of_them(name, 0.7, length * course) for name, course in _late(conditions, rise)]
+        shapes = [("other_length", 1.0, other * rise)]
+        shapes += [(name, 0.7, length * course) for name, course in _late(conditions, rise)]
         beside = conditions.rises.get(self.neighbour)
         if beside is not None:
-            found.append(all_of_them(f"{self.neighbour}_share", 0.2, length * (beside[:, None] - rise)))
+            shapes.append((f"{self.neighbour}_share", 0.2, length * (beside[:, None] - rise)))
+        changes = functools.partial(of_drives, self.drives, _PPM)
+        found = [EffectParameter("expansion", "1e-6/K", std, changes(length * rise), bounds=(0.0, np.inf))]
+        found += [EffectParameter(n, "1e-6/K", size * std, changes(course), main=False) for n, size, course in shapes]
         for k, drive in enumerate(self.drives):
             where, name = channel(drive), f"{drive.symbol}_thermometer"
             bias, gain = {where: _PPM * length[:, k]}, {where: _PPM * length[:, k] * rise[:, k]}
@@ -85,13 +84,9 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
     return found
 
 
-def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
-    """Return of every joint, fixed and moving, the link it stands on and its place there, (3,), in its own axes, in m.
-
-    A link that grows evenly about its origin displaces the joint by this times its strain.
-    """
-    placed = standing(robot).items()
-    return {joint: (link, np.asarray(at.rotation.T @ at.translation)) for joint, (link, at) in placed}
+def _lever(placed: pin.SE3) -> FloatArray:
+    """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
+    return np.asarray(placed.rotation.T @ placed.translation)
 
 
 def _carrier(model: pin.Model, link: str) -> pin.Frame:
@@ -123,14 +118,13 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
 
     It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes. Of each such end whose seat is among the joints that may be displaced (``places``), that is the
-    seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
+    have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
     """
-    known, model = levers(robot), robot.mechanism().shared_model
+    known, model = standing(robot), robot.mechanism().shared_model
     ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
     pairs = [(_carrier(model, chain), _carrier(model, other)) for chain, other in ends]
     return [
-        (seat.name, known[end.name][0], -known[end.name][1])
+        (seat.name, known[end.name][0], -_lever(known[end.name][1]))
         for end, seat in pairs
         if end.type == pin.FrameType.FIXED_JOINT and end.name not in places and seat.name in places
     ]
@@ -157,24 +151,16 @@ class LinkGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
-        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, levers(conditions.robot)
-        places = {joint: known[joint][1] for joint in self.joints}
+        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, standing(conditions.robot)
+        places = {joint: _lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
 
-        def shaped(name: str, unit: str, prior_std: float, changes: LocalChanges) -> EffectParameter:
-            return EffectParameter(name, unit, prior_std, changes, main=False)
-
-        parameters = (
-            EffectParameter("expansion", "1e-6/K", std, _grown(places, rise), bounds=(0.0, np.inf)),
-            shaped("thermometer_bias", "1e-6", _BIAS_K * std, _grown(places, np.ones(len(conditions)))),
-            *(shaped(name, "1e-6/K", 0.7 * std, _grown(places, late)) for name, late in _late(conditions, rise)),
-            *(
-                shaped(f"{joint}_{axis}", "1e-6 m/K", size, {f"{joint}.t{axis}": _PPM * rise})
-                for joint in places
-                for axis in "xyz"
-            ),
-        )
-        return (Form("even", parameters),)
+        shapes = [("thermometer_bias", "1e-6", _BIAS_K * std, _grown(places, np.ones(len(conditions))))]
+        shapes += [(name, "1e-6/K", 0.7 * std, _grown(places, late)) for name, late in _late(conditions, rise)]
+        sites = itertools.product(places, "xyz")
+        shapes += [(f"{j}_{axis}", "1e-6 m/K", size, {f"{j}.t{axis}": _PPM * rise}) for j, axis in sites]
+        main = EffectParameter("expansion", "1e-6/K", std, _grown(places, rise), bounds=(0.0, np.inf))
+        return (Form("even", (main, *(EffectParameter(*shape, main=False) for shape in shapes))),)
 
 
 class LinksGrowth(Family):
@@ -188,7 +174,7 @@ class LinksGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All with one thermometer, or each link with its own, which may have a share of its own; it may lag."""
-        links = {name for name, _ in levers(conditions.robot).values()}
+        links = {name for name, _ in standing(conditions.robot).values()}
         own = [name for name in conditions.rises if name in links]
         forms = [self._form(f"by_{name}", conditions, {}, name) for name in conditions.rises]
         if own:
@@ -219,9 +205,8 @@ class LinksGrowth(Family):
                     grown[channel(drive)] = _PPM * conditions.drives[:, k] * rise
             return grown
 
-        shaped = {f"lag_{lag_s:.0f}_s": (0.7, changes(followed, lag_s)) for lag_s in _LAGS_S}
+        shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(followed, lag_s)) for lag_s in _LAGS_S]
         if len(followed) > 1:
-            shaped |= {f"{name}_share": (0.3, changes((name,))) for name in followed}
+            shapes += [(f"{thermometer}_share", 0.3, changes((thermometer,))) for thermometer in followed]
         main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-        others = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, (s, c) in shaped.items())
-        return Form(name, (main, *others))
+        return Form(name, (main, *(EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes)))

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.families.base import Family
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.tolerances import Kinds, Tolerances
 
@@ -40,13 +39,11 @@ def axis_parameters(conditions: Conditions) -> dict[str, Parameters]:
     std_mrad, change = _usual(conditions).joint_axis.std, MRAD * np.ones(len(conditions))
     found: dict[str, Parameters] = {}
     for tilt in conditions.causes.placements.tilts:
-        parameters = []
-        for axis in tilt.directions:
-            changes = {f"{tilt.joint}.r{axis}": change}
-            if tilt.after:
-                changes[f"{tilt.after}.r{axis}"] = tilt.back * change
-            parameters.append(EffectParameter(f"{tilt.joint}.tilt_{axis}", "mrad", std_mrad, changes))
-        found[tilt.joint] = tuple(parameters)
+        turned = [(joint, share * change) for joint, share in ((tilt.joint, 1.0), (tilt.after, tilt.back)) if joint]
+        found[tilt.joint] = tuple(
+            EffectParameter(f"{tilt.joint}.tilt_{axis}", "mrad", std_mrad, {f"{j}.r{axis}": turn for j, turn in turned})
+            for axis in tilt.directions
+        )
     return found
 
 

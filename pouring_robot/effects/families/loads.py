@@ -1,14 +1,14 @@
 """Families of effects of weight: sliding drives stretch, turning drives yield, a beam sinks and rolls."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drive, of_drives
 from pouring_robot.effects.conditions import FORCE, Conditions
-from pouring_robot.effects.families.base import Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -45,24 +45,15 @@ class Stretch(Family):
         places = conditions.places(self.drives)
         pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
         rod = pull * conditions.spans[:, places] / self.length_m
-        unit = f"mm {_at(self.force_n, 'N')}"
-
-        def together(name: str, prior_std: float, course: FloatArray) -> EffectParameter:
-            return EffectParameter(name, unit, prior_std, of_drives(self.drives, MM, course), main=False)
-
+        at, changes = f" {_at(self.force_n, 'N')}", functools.partial(of_drives, self.drives, MM)
+        stiffening = EffectParameter("stiffening", f"mm{at}", _LATER, changes(pull * np.abs(pull)), main=False)
+        share = EffectParameter("rod_share", f"mm{at}", 0.3, changes(rod - pull), main=False)
         found = []
         for name, course in {"rod": rod, "nut": pull, "contact": _contact(pull)}.items():
-            shape = [
-                together("stiffening", _LATER, pull * np.abs(pull)),
-                together("rod_share", 0.3, rod - pull),
-                *(
-                    EffectParameter(f"{d.symbol}_difference", unit, _OWN, {channel(d): MM * course[:, k]}, main=False)
-                    for k, d in enumerate(self.drives)
-                ),
-            ]
-            changes = of_drives(self.drives, MM, course)
-            main = EffectParameter("stretch", unit, 1.0, changes, bounds=(0.0, np.inf))
-            found.append(Form(name, (main, *shape)))
+            main = EffectParameter("stretch", f"mm{at}", 1.0, changes(course), bounds=(0.0, np.inf))
+            each = zip(self.drives, course.T, strict=True)
+            own = (of_drive(d, "difference", _OWN, c, main=False, per=at) for d, c in each)
+            found.append(Form(name, (main, stiffening, share, *own)))
         return tuple(found)
 
 
@@ -132,15 +123,14 @@ class Deflection(Family):
                 ("lean", "mrad m/mm", 1.0, "base.rx", MRAD * slope, True),
                 ("torsion", "mrad", 0.5, "base.rx", MRAD * sink, False),
             )
-            live = [
-                EffectParameter(label, f"{unit} {at}", prior_std, {moved: course * load}, main)
+            parameters = [
+                EffectParameter(
+                    f"{dead}{label}", unit + per, share * prior_std, {moved: course * weighed}, main and not dead
+                )
+                for dead, per, share, weighed in (("", f" {at}", 1.0, load), ("dead_", "", 0.3, 1.0))
                 for label, unit, prior_std, moved, course, main in courses
             ]
-            dead = [
-                EffectParameter(f"dead_{label}", unit, 0.3 * prior_std, {moved: course}, main=False)
-                for label, unit, prior_std, moved, course, _ in courses
-            ]
-            found.append(Form(name, (*live, *dead)))
+            found.append(Form(name, tuple(parameters)))
         line = legvander(2.0 * x - 1.0, _ORDERS).T
         moves = (("sink", "mm", "base.tz", -MM), ("roll", "mrad", "base.rx", MRAD), ("pitch", "mrad", "base.ry", MRAD))
         free = [

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.families.base import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -68,9 +68,9 @@ def fit_frames(
     """Fit both frames by iteratively reweighted least squares (Huber), so that single wrong rows hardly count.
 
     Args:
-        poses: pose of the moving platform in the fixed platform for every row; NaN rows do not count.
-        position_m: (n, 3) measured positions, in m; missing coordinates NaN.
-        rotation: (n, 3, 3) measured rotations; NaN where missing. None: positions only.
+        poses: of the moving platform in the fixed platform; NaN rows do not count.
+        position_m: measured, (n, 3), in m; missing coordinates NaN.
+        rotation: measured, (n, 3, 3); NaN where missing. None: positions only.
         metres_per_rad: how rotations weigh against positions: noise of a coordinate over noise of a rotation
             component, in m. Were it fitted too, one of the two would be fitted at the cost of the other.
         rough: stay at the best start, for a quarter of the time; what is untold is then not looked for.

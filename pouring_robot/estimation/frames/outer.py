@@ -47,12 +47,10 @@ class OuterFrames:
         return OuterFrames(self.T_tracker_base * base, tool * self.T_end_target)
 
     def seen(self, poses: PoseStack, base: FloatArray | None = None, scale: FloatArray | None = None) -> PoseStack:
-        """Return the poses the tracker should see.
+        """Return the poses the tracker should see of n poses of the moving platform in the fixed one.
 
-        Args:
-            poses: n poses of the moving platform in the fixed platform.
-            base: displacement of the fixed platform in its own axes, row by row, (n, 6), in m and rad.
-            scale: relative error of the tracker's scale, (n,); positions count 1 + scale times, about its own origin.
+        Row by row ``base``, (n, 6), displaces the fixed platform in its own axes, in m and rad, and positions count 1 +
+        ``scale`` times, (n,), about the tracker's own origin.
         """
         outer, turned = self.T_tracker_base, self._turned(base)
         position = outer.translation + (turned @ self.places(poses)[..., None])[..., 0]

@@ -41,12 +41,10 @@ _ROUND_OFF = 1e-9
 
 
 def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[OuterFrames]:
-    """Return up to three starts that differ, the best first.
+    """Return up to three starts that differ, the best first; rotations weigh ``metres_per_rad`` against positions.
 
-    Args:
-        poses: of the moving platform in the fixed one; complete.
-        measured: of the target in the tracker frame; positions complete, rotations NaN where missing.
-        metres_per_rad: how rotations weigh against positions, in m.
+    Poses of the moving platform in the fixed one are complete; of those measured, of the target in the tracker frame,
+    rotations are NaN where missing.
     """
     chosen = evenly(len(poses), _MOST_ROWS)
     there, seen = poses[chosen], measured[chosen]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.amend import amended_model
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import CalibrationError
@@ -17,7 +16,7 @@ def test_the_amended_model_predicts_what_the_parameters_do(drawing, present):
     model = model_of(drawing, "geometry", model=present)
     virtual = Virtual(drawing, model, 6)
     expected = virtual.rows.predict(virtual.unknowns)
-    amended = model_of(drawing, "drives", model=amended_model(present, model, virtual.truth))
+    amended = model_of(drawing, "drives", model=model.amended(virtual.truth))
     seen = amended.at(virtual.rows.drives).predict(Unknowns.zero(TRUE_FRAMES, 4))
     np.testing.assert_allclose(seen.position_m, expected.position_m, atol=1e-11)
     np.testing.assert_allclose(seen.rotation, expected.rotation, atol=1e-11)
@@ -26,7 +25,7 @@ def test_the_amended_model_predicts_what_the_parameters_do(drawing, present):
 def test_no_change_is_no_change(drawing):
     present = RobotModel.load(ACTUAL)
     model = model_of(drawing, "geometry", model=present)
-    assert amended_model(present, model, np.zeros(len(model.parameters))) == present
+    assert model.amended(np.zeros(len(model.parameters))) == present
 
 
 @pytest.mark.parametrize(("which", "words"), [(0, "'leg1_s3': 3000 mm is no drive offset"), (8, "no placement error")])
@@ -35,5 +34,5 @@ def test_what_no_robot_is_is_refused(drawing, which, words):
     values = np.zeros(len(model.parameters))
     values[which] = 3.0
     with pytest.raises(CalibrationError, match=words):
-        amended_model(RobotModel(), model, values)
+        model.amended(values)
     assert model.names[FRAMES] == "drive.leg1_s3"

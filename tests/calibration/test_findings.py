@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.movements import ParameterLine, combination_lines, group_effects, parameter_lines
+from pouring_robot.calibration.findings import ParameterLine, combination_lines, group_effects, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
 
 
