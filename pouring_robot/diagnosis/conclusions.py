@@ -88,6 +88,12 @@ class Conclusions(Findings):
         return {name: replace(gap, after=gap.before) for name, gap in kept.items()} if self.refused else kept
 
     @property
+    def shown_gap(self) -> tuple[str, Gap]:
+        """The gap that counts, with the name of its rows: held-out rows where there are any."""
+        gaps = self.gaps
+        return ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
+
+    @property
     def worse(self) -> bool:
         """Whether the amended model is further from the held-out rows than the given one."""
         gap = self.gaps.get("held_out")

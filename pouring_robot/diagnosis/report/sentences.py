@@ -66,8 +66,7 @@ def _names(effects: Sequence[NamedEffect]) -> str:
 
 def gap_sentence(diagnosis: Conclusions) -> str:
     """Return the gap before and after in one sentence: of held-out rows where there are any."""
-    gaps = diagnosis.gaps
-    name, gap = ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
+    name, gap = diagnosis.shown_gap
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
     turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
     rotated = bool(np.isfinite(turned).all())
