@@ -132,9 +132,11 @@ class RobotUnderConditions:
         nominal = nominal_rows(self.definition, engine, closure)
 
         def counted(learned: LearnedCampaign | None) -> Conditions:
+            if learned is None:
+                raise TypeError("every effect says where it was learned")
             found = conditions_of(campaign, nominal, learned)
             # The order of rows stands for time in the campaign itself only.
-            return found if learned and learned.timed else replace(found, time_known=True)
+            return found if learned.timed else replace(found, time_known=True)
 
         given = told(campaign)
         try:

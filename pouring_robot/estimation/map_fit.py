@@ -38,7 +38,11 @@ _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
-    """Return a campaign whose sessions all measure from one place, by the present robot; see ``in_one_frame``."""
+    """Return a campaign whose sessions all measure from one place, by the present robot; see ``in_one_frame``.
+
+    Raises:
+        CampaignError: a session has too few whole positions to tell where it measured from.
+    """
     if campaign.metadata.frames != PER_SESSION:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()

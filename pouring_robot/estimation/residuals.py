@@ -118,7 +118,11 @@ class MeasuredPoses(PoseStack):
         return np.concatenate([instrument.difference(prediction) for instrument in self.instruments], axis=1)
 
     def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
-        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P)."""
+        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P).
+
+        Raises:
+            BadInputError: the prediction carries no Jacobian.
+        """
         ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments])[:-1]
         parts = zip(self.instruments, np.split(residual, ends, axis=1), strict=True)
         return np.concatenate([instrument.jacobian(prediction, part) for instrument, part in parts], axis=1)
@@ -154,6 +158,9 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
 
     ``sigma`` is the standard deviation of the six components, (6,), in m and rad; ``known`` says which are measured,
     (n, 6), by default all. The prediction carries its Jacobian.
+
+    Raises:
+        BadInputError: the prediction carries no Jacobian.
     """
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_unit
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -124,7 +125,14 @@ class Problem:
     @functools.cached_property
     def _places(self) -> dict[tuple[str, str], Places]:
         ends = itertools.pairwise(np.cumsum([0, *(one.columns.shape[1] for one in self._groups)]).tolist())
-        return {one.key: np.arange(*own, dtype=np.intp) for one, own in zip(self._groups, ends, strict=True)}
+        found = {one.key: np.arange(*own, dtype=np.intp) for one, own in zip(self._groups, ends, strict=True)}
+        if len(found) < len(self._groups):
+            keys = [one.key for one in self._groups]
+            effect, form = next(key for key in keys if keys.count(key) > 1)
+            raise BadInputError(
+                f"effect '{effect}' has two forms '{form}'; name each once ('background' is workmanship)"
+            )
+        return found
 
     def places(self, item: Explanation | Workmanship) -> Places:
         """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""

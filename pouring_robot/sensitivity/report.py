@@ -191,7 +191,11 @@ class SensitivityReport(Result):
         return ErrorRow(parameter, samples.kind, tuple(largest), distance, angle, main, shape, class_mm, figures)
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made."""
+        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.samples import box_plots, distributions
 

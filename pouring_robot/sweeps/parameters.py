@@ -46,6 +46,9 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
     """Return a sweep file with what it leaves to the robot: observed frames, and errors by tolerances.
 
     Every kind of error is an entry of its own, normal with the standard deviation of its tolerance.
+
+    Raises:
+        DescriptionError: the tolerances file is wrong.
     """
     said: dict[str, Any] = {}
     if not config.frames:
@@ -68,7 +71,11 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
 
 
 def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepParameter, ...]:
-    """Return the parameters of a sweep in the order of its ``errors``."""
+    """Return the parameters of a sweep in the order of its ``errors``.
+
+    Raises:
+        BadInputError: a name matches nothing, a parameter is given twice or has no size of its unit.
+    """
     chosen: dict[str, SweepParameter] = {}
     for number, entry in enumerate(config.errors):
         try:

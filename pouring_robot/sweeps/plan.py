@@ -93,7 +93,11 @@ class SweepPlan:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read a sweep file and make it ready."""
+        """Read a sweep file and make it ready.
+
+        Raises:
+            SweepFileError: the file is wrong; or as the constructor.
+        """
         return cls(SweepConfig.load(path))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -244,7 +248,12 @@ def _digest(content: bytes) -> str:
 
 
 def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
-    """Return the commands of a sweep, with their drive values and the drawing's closed poses."""
+    """Return the commands of a sweep, with their drive values and the drawing's closed poses.
+
+    Raises:
+        TableError: the file of poses is wrong.
+        UnreachablePoseError: a joint would pass its limits at one of the poses.
+    """
     if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
         commands = drawing.commands(_wanted(config, load_layout(robot.layout, robot.layouts_file)))
         beyond = ~drawing.within_limits(commands.start.joints)

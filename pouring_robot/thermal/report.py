@@ -96,7 +96,11 @@ class PoseHeat(Result):
         return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str) -> Path:
-        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm."""
+        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         field = self.field
         rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, str, str]] = []
@@ -216,7 +220,11 @@ class ShiftHeat(Result):
         return columns
 
     def save(self, path: Path | str) -> Path:
-        """Write one row a time as CSV."""
+        """Write one row a time as CSV.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
 
     def figures(self) -> dict[str, Any]:
@@ -225,6 +233,10 @@ class ShiftHeat(Result):
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
-    """Return the drawing of a robot with heat, with or without radiation."""
+    """Return the drawing of a robot with heat, with or without radiation.
+
+    Raises:
+        BadInputError: the properties do not fit the layout.
+    """
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))

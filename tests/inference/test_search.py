@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Explanation, Workmanship
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions, backward, reconsidered, search
 from tests.inference.problems import ROWS, explanation, library, planted, problem
@@ -140,3 +141,11 @@ def test_order_of_the_library_does_not_matter():
         residual = planted(rng, [items[2], items[6]], [3.0, 1.5])
         one, other = search(problem(residual, items)), search(problem(residual, items[::-1]))
         assert {i.key for i in one.items} == {i.key for i in other.items}
+
+
+def test_two_forms_of_one_name_are_refused(rng):
+    """They would share their columns: a form of a plug-in that is called as workmanship is."""
+    item = explanation("same", rng.normal(size=(ROWS, 1)), WORKMANSHIP_FORM)
+    usual = Workmanship("same", rng.normal(size=(ROWS, 2)))
+    with pytest.raises(BadInputError, match="effect 'same' has two forms 'background'"):
+        search(problem(rng.normal(size=ROWS), [item], (usual,)))

@@ -294,13 +294,16 @@ def subtract_chains(star: Star, room: Room) -> None:
 def cholesky(s: FloatArray, idle: float) -> bool:
     """Factorise the platform's block in place; return whether it is positive semidefinite.
 
-    A pivot no larger than ``idle`` is round-off of zero: nothing moves the platform that way, and it stays where it is.
+    A pivot no larger than ``idle`` (N/m, and Nm/rad about a metre's arm) is round-off of zero: nothing holds the
+    platform that way, and it stays where it is.
     """
     for c in range(6):
         for k in range(c):
             total = s[6 * c + k]
             for m in range(k):
                 total -= s[6 * c + m] * s[6 * k + m]
+            if s[7 * k] == 0.0 and total * total > idle * s[7 * c]:
+                return False  # what idles is coupled to what does not: the block is indefinite
             s[6 * c + k] = total * s[7 * k]
         pivot = s[7 * c]
         for m in range(c):

@@ -21,7 +21,7 @@ from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
+from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 
 SESSION = "session "
@@ -30,15 +30,21 @@ _ROUNDS, _HUBER = 12, 1.5
 
 
 @dataclass(frozen=True)
-class SessionParameter(FrameParameter):
+class SessionParameter:
     """One of the six numbers by which a session sees the base displaced against the largest session."""
 
     session: str  # its name
+    component: str  # tx, ty, tz, rx, ry or rz, in the base's axes
 
     @property
     def name(self) -> str:
         """Name in tables."""
-        return f"{SESSION}{self.session}: {super().name}"
+        return f"{SESSION}{self.session}: base.{self.component}"
+
+    @property
+    def unit(self) -> str:
+        """``m`` or ``rad``."""
+        return component_unit(self.component)
 
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
@@ -46,7 +52,7 @@ def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     if campaign.metadata.frames != PER_SESSION:
         return ()
     _, *others = by_size(campaign)
-    return tuple(SessionParameter("base", component, name) for name in others for component in COMPONENTS)
+    return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
 
 
 def by_size(campaign: Campaign) -> list[str]:

@@ -69,7 +69,11 @@ class FourUPUKinematics:
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count."""
+        """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
+
+        Raises:
+            BadInputError: the array has another shape.
+        """
         poses = np.ascontiguousarray(poses, dtype=float)
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")

@@ -55,7 +55,11 @@ class SweepReport(Result):
         return [parameter.row() for parameter in self.ranking]
 
     def to_dataset(self) -> xr.Dataset:
-        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used."""
+        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.
+
+        Raises:
+            SweepStoreError: the results are damaged or gone.
+        """
         return open_results(self.store.folder)
 
     def figures(self) -> dict[str, Any]:
@@ -75,7 +79,11 @@ class SweepReport(Result):
         }
 
     def save(self) -> tuple[Path, ...]:
-        """Write summary, ranking, picture and page into the sweep's folder and return their paths."""
+        """Write summary, ranking, picture and page into the sweep's folder and return their paths.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
         rows, figure = [parameter.row() for parameter in self.ranking], study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",

@@ -305,6 +305,9 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
 
     Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
     fixed platform, per m or rad.
+
+    Raises:
+        BatchClosureError: the robot does not close at a pose.
     """
     engine = engine_for(plan.mechanism)
     wanted = [parameter.local for parameter in plan.parameters]

@@ -85,7 +85,12 @@ class WarmRobot(PouringRobot):
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
     def solve(self) -> ClosureResult:
-        """Close the robot at the drive values that a controller commands for its pose."""
+        """Close the robot at the drive values that a controller commands for its pose.
+
+        Raises:
+            UnreachablePoseError: a joint would pass its limits.
+            ClosureError: the loops do not close.
+        """
         return self.forward(self.kinematics.inverse(self.pose), near=self.pose)
 
 
@@ -215,7 +220,11 @@ class HeatedRobot:
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
-        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose."""
+        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose.
+
+        Raises:
+            NoSolutionError: what ``close`` raises, or no temperatures are found.
+        """
         place: Placed = pose
         passive, field = None, None
         before, moved = np.full(3, np.inf), 0.0 if self.heat is None else np.inf

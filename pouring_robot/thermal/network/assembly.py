@@ -260,7 +260,11 @@ def integrate(
     times_s: FloatArray,
     options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end."""
+    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
+
+    Raises:
+        ThermalSolutionError: the integrator gives up.
+    """
     inverse = 1.0 / circuit.capacity
     scale = scipy.sparse.diags_array(inverse).tocsc()
 

@@ -42,6 +42,9 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
 
     Infinite where the others tell a set exactly, which they always do with no more than k rows. A table of two sets
     gives the paper's VIF of a pair. X: sets as columns, shape (n, k), in any units.
+
+    Raises:
+        ErrorSetError: a set is constant.
     """
     from statsmodels.stats.outliers_influence import variance_inflation_factor
 
@@ -68,7 +71,12 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         self.explained = explained
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2."""
+        """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2.
+
+        Raises:
+            ErrorSetError: all sets are constant, or the share is out of its range.
+            ValueError: X or y are no finite numbers (scikit-learn's words).
+        """
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         if not 0.0 < self.explained <= 1.0:
             raise ErrorSetError(f"explained = {self.explained}: give a share above 0, up to 1 (usual: 0.85)")

@@ -106,7 +106,13 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.weighting, self.selector, self.explained = weighting, selector, explained
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit the line to a table, n ≥ 3 temperatures."""
+        """Fit the line to a table, n ≥ 3 temperatures.
+
+        Raises:
+            ErrorSetError: X has more than one column, a set or the temperature is constant, a setting is out of its
+                range, or equation 21 does not hold a set and so cannot be solved for it.
+            ValueError: X or y are no finite numbers (scikit-learn's words).
+        """
         if self.weighting not in WEIGHTINGS:
             raise ErrorSetError(f"weighting '{self.weighting}' is not known; give one of {', '.join(WEIGHTINGS)}")
         column, table = validate_data(

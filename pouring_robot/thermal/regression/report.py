@@ -158,7 +158,11 @@ class RegressionReport(Result):
         return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
 
     def model(self) -> ThermalModel:
-        """Return what a thermal-model file holds."""
+        """Return what a thermal-model file holds.
+
+        Raises:
+            BadInputError: the table holds angles, or does not say its direction.
+        """
         first = next(iter(self.axes.values())).table
         if first.kind != "length" or "" in self.axes:
             raise BadInputError("a thermal model holds lengths along x, y, z: name sets P1_x_mm …, or give --axis")

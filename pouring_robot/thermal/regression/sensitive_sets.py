@@ -53,6 +53,9 @@ def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArra
     Sets are rows, (k, n); numbers of the symmetric matrix (k, k) are in [0, 1], those on its diagonal 1. "absolute"
     takes abs(r): a set that falls with temperature tells as much as one that rises; "shifted" (1 + r) / 2: opposite
     sets are unlike.
+
+    Raises:
+        ErrorSetError: a set is constant, or the similarity is not known.
     """
     rows = np.asarray(sets, dtype=float)
     scaled = standardised("error set", rows.T)
@@ -81,7 +84,12 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
 
     def fit(self, X: ArrayLike, y: object = None) -> Self:
-        """Group the rows of X, shape (k, n), two numbers a row or more; y is not used."""
+        """Group the rows of X, shape (k, n), two numbers a row or more; y is not used.
+
+        Raises:
+            ErrorSetError: a set is constant or a setting is out of its range.
+            ValueError: X is no table of finite numbers (scikit-learn's words).
+        """
         rows = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
         if self.lambda_cut is not None and not 0.0 <= self.lambda_cut <= 1.0:
             raise ErrorSetError(f"lambda_cut = {self.lambda_cut}: give a threshold between 0 and 1")
@@ -134,6 +142,10 @@ def grey_relational_coefficients(
 
     Scaling "range": spread from 0 to 1; "mean": divided by its mean; "initial": divided by its first number; "none": as
     given (X and y must then share a scale).
+
+    Raises:
+        ErrorSetError: a set or the temperature is constant, the mean or first number that divides is 0, or a setting is
+            out of its range.
     """
     sets, steps = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
     if sets.ndim != 2 or steps.shape != sets.shape[:1]:
@@ -195,7 +207,12 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         self.similarity, self.vif_limit = similarity, vif_limit
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,)."""
+        """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
+
+        Raises:
+            ErrorSetError: a set or the temperature is constant, or a setting is out of its range.
+            ValueError: X or y are no finite numbers (scikit-learn's words).
+        """
         sets, temperature = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=3)
         if not self.vif_limit > 1.0:
             raise ErrorSetError(f"vif_limit = {self.vif_limit}: give a number above 1 (usual: 10)")

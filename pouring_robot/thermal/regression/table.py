@@ -136,7 +136,11 @@ def _flat(columns: FloatArray) -> NDArray[np.bool_]:
 
 
 def standardised(name: str, numbers: ArrayLike) -> FloatArray:
-    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1."""
+    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1.
+
+    Raises:
+        ErrorSetError: a column is constant.
+    """
     columns = np.asarray(numbers, dtype=float)
     flat = _flat(columns)
     if flat.any():

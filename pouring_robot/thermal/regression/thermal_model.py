@@ -141,7 +141,11 @@ class ThermalModel(StrictModel):
         return validate(cls, read_yaml(Path(path), ThermalFileError), Path(path), ThermalFileError)
 
     def save(self, path: Path | str) -> Path:
-        """Write the file."""
+        """Write the file.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
         import yaml
 
         return write_whole(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True))
