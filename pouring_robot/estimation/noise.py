@@ -19,9 +19,14 @@ _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
 
 
+def commands(drives: FloatArray) -> NDArray[np.int64]:
+    """Return commanded drives (n, D), in m and rad, as whole numbers that are equal where the command is the same."""
+    return np.round(drives / _SAME_DRIVE).astype(np.int64)
+
+
 def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
-    drives = np.round(campaign.drives[rows] / _SAME_DRIVE).astype(np.int64)
+    drives = commands(campaign.drives[rows])
     approach = np.zeros((rows.size, 1)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
     groups: dict[tuple[object, ...], list[int]] = {}
     for k, row in enumerate(rows.tolist()):

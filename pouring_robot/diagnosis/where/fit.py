@@ -10,9 +10,9 @@ from pouring_robot.diagnosis.processes import shown
 from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.instruments import component_name
+from pouring_robot.estimation.noise import commands
 from pouring_robot.mechanism.arrays import FloatArray
 
-_SAME_DRIVE = 1e-6
 _FEWEST = 6
 _LARGER = 1.3
 _HEIGHTS = ("low", "at middle height", "high")
@@ -81,8 +81,7 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
 
     The frames absorb the same in all rows of a command, so that distances from its mean are free of the frames.
     """
-    commands = np.round(conditions.drives / _SAME_DRIVE).astype(np.int64)
-    _, command = np.unique(commands, axis=0, return_inverse=True)
+    _, command = np.unique(commands(conditions.drives), axis=0, return_inverse=True)
     group = command.reshape(-1)[data.row] * (int(data.component.max()) + 1) + data.component
     _, group, counts = np.unique(group, return_inverse=True, return_counts=True)
     means = np.bincount(group, data.cleared) / counts
