@@ -29,7 +29,6 @@ _MODULES = {path.rpartition(".")[2]: path for path in (
     "examples", "robots", "robot", "poses.pose", "poses.path", "poses.view", "campaign", "diagnose", "effects",
     "calibrate", "poses.compensate", "sensitivity", "sweep", "poses.thermal", "regress", "export",
 )}  # fmt: skip
-_COMMANDS = tuple(_MODULES)
 _FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
 
 EXTRAS = {
@@ -48,11 +47,11 @@ class _Subcommands(TyperGroup):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        names: dict[str, Any] = dict.fromkeys(_COMMANDS)
+        names: dict[str, Any] = dict.fromkeys(_MODULES)
         self.commands = names
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in _MODULES:
             return None
         found = getattr(importlib.import_module(f"pouring_robot.cli.{_MODULES[cmd_name]}"), cmd_name)
         if isinstance(found, typer.Typer):

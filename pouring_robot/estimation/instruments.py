@@ -297,7 +297,7 @@ class NoiseLevel:
         A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
         follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
         """
-        return min(noise.freedoms for noise in self.kinds.values())
+        return min((noise.freedoms for noise in self.kinds.values()), default=float("inf"))
 
     @property
     def from_residuals(self) -> bool:

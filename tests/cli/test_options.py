@@ -5,10 +5,11 @@ import sys
 
 import pytest
 
-from pouring_robot.cli.app import _COMMANDS
+from pouring_robot.cli.app import _MODULES
 from pouring_robot.cli.shared.progress import time_left
 from tests.support import ACTUAL, ROOT
 
+_COMMANDS = tuple(_MODULES)
 POSES, AT = ROOT / "examples" / "poses.csv", ["--at-mm", "-100", "20", "-600"]
 
 

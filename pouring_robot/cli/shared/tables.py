@@ -78,7 +78,7 @@ def print_rows(head: Sequence[str], rows: Sequence[Sequence[str]], title: str = 
 
     As text and no rich table: that would take twice as long to set as thousands of poses take to close.
     """
-    shown = [head, *rows[: _MOST_ROWS if len(rows) > _MOST_ROWS else None]]
+    shown = [head, *rows[:_MOST_ROWS]]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in shown]
     lines += [f"… and {len(rows) - _MOST_ROWS} more; --out FILE.csv writes all"] if len(rows) > _MOST_ROWS else []

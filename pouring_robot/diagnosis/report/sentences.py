@@ -30,6 +30,7 @@ def plain(name: str) -> str:
 
 def sure_text(probability: float) -> str:
     """Return a probability in percent."""
+    # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
     return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
 
 
