@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.effects.base import Effect, Form, checked_forms
+from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
@@ -69,9 +69,21 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
     loose = [form for name, form in library.workmanship.items() if library.effects[name].loosened_by_load]
     if loose and rows.conditions.weight_n is not None:
         yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
+        yield _softness(rows, linear)
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
         yield Explanation(effect, form.name, rows.columns(form, linear), main, one_of=form.one_of)
+
+
+def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
+    """Return what weight makes of joints that turn where they should not, all alike.
+
+    The unit is the stiffness that the loops are taken to have: as it is assumed, the joints' own is found.
+    """
+    _, stiffness = rows.conditions.robot.mechanism().loops.stiffness_si
+    turned = {name: moment / stiffness for name, moment in rows.conditions.joint_moments.items()}
+    column = rows.column(EffectParameter("softness", "rad/rad", 1.0, turned), linear)
+    return Explanation(SAG, "soft_joints", column[:, None], np.ones(1, dtype=bool), cause=False)
 
 
 def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: FloatArray) -> Explanation:

@@ -76,6 +76,8 @@ class Conditions:
     # puts there.
     drive_force: FloatArray | None = None
     force_by_weight: FloatArray | None = None  # what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N
+    # moment that :attr:`weight_n` puts on each joint of closed loops, by the local parameter that turns it, (n,), in Nm
+    joint_moments: Mapping[str, FloatArray] = field(default_factory=dict)
     rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
     travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
     screw_pitch_m: float | None = None  # travel of a sliding drive a turn
@@ -228,6 +230,8 @@ class NominalRows:
     position_m: FloatArray  # origin of the end body in the base, (n, 3)
     rotation: FloatArray  # its axes, (n, 3, 3)
     by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
+    turns: tuple[str, ...]  # T local parameters that turn joints of closed loops
+    by_turn: FloatArray  # ∂pose/∂turn in base axes, (n, 6, T)
     up: FloatArray  # direction against gravity in the base, (3,)
     swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
     own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
@@ -244,7 +248,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     facts, robot = learned or campaign.metadata, nominal.robot
     stated = facts.reference_temperature_degC
     reference = REFERENCE_DEGC if stated is None else stated
-    weight, force, by_weight = _loads(facts, nominal, whole("payload"))
+    weight, force, by_weight, moments = _loads(facts, nominal, whole("payload"))
     for k, name in enumerate(force_names(robot)):
         measured = whole(name)
         if measured is not None:
@@ -269,6 +273,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         weight_n=weight,
         drive_force=force,
         force_by_weight=by_weight,
+        joint_moments=moments,
         rises={name: values - reference for name, values in warm.items() if values is not None},
         travels={name: values for name, values in travels.items() if values is not None},
         screw_pitch_m=facts.screw_pitch_m,
@@ -322,21 +327,29 @@ def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:
 
 def _loads(
     facts: CampaignMetadata | LearnedCampaign, nominal: NominalRows, payload_kg: FloatArray | None
-) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
-    """Return the weight carried, (n,), what it and the links' own weight put on every drive, and its share a newton."""
+) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray]]:
+    """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
+
+    Last, what the weight carried puts on joints of closed loops.
+    """
     if payload_kg is None:
-        return None, nominal.own_force, None
+        return None, nominal.own_force, None, {}
     tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if tare is None or place is None:
-        return None, None, None
+        return None, None, None, {}
     weight = (tare + payload_kg) * GRAVITY_M_S2
     arm = nominal.rotation @ np.array(place)
-    shift, turn = nominal.by_drive[:, :3], nominal.by_drive[:, 3:]
-    by_weight = -np.einsum("c,ncd->nd", nominal.up, shift + np.cross(turn, arm[:, :, None], axis=1))
-    force = weight[:, None] * by_weight
-    return weight, force if nominal.own_force is None else force + nominal.own_force, by_weight
+
+    def by_weight(moved: FloatArray) -> FloatArray:
+        lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
+        return np.asarray(-np.einsum("c,ncd->nd", nominal.up, lifted))
+
+    share = by_weight(nominal.by_drive)
+    force = weight[:, None] * share
+    moments = dict(zip(nominal.turns, (weight[:, None] * by_weight(nominal.by_turn)).T, strict=True))
+    return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 
 def _without_gaps(campaign: Campaign, filled: list[str], name: str) -> FloatArray | None:

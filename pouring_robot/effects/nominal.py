@@ -9,7 +9,7 @@ from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
 
@@ -18,13 +18,18 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     """Return what the drawing says of rows that its engine, without errors, closed, all of them."""
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
+    joints = filter(None, engine.structure.site_joints) if mechanism.anchors else ()
+    turns = [turn for turn in placement_parameters(joints) if turn.unit == "rad"]
+    moved = engine.transfer(closure, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
     own, hangs = causes_of(robot).own_weight, robot.file.payload_frame or str(mechanism.loops.end_frame)
     return NominalRows(
         robot,
         closure.position,
         closure.rotation,
-        engine.transfer(closure, drives).matrix,
+        moved[:, :, : len(drives)],
+        tuple(turn.name for turn in turns),
+        moved[:, :, len(drives) :],
         _up(mechanism),
         _swings(mechanism, values, len(closure)),
         _own_force(mechanism, values, len(closure)) if own else None,

@@ -335,16 +335,6 @@ class Hypothesis:
         rest = Nuisance.of(item.columns[:, item.main], _RANK).cleared(part)
         return 1.0 - float(rest @ rest) / total
 
-    def shape_excess(self, index: int) -> float:
-        """Return the largest shaping coefficient over the largest main one, both in their usual sizes.
-
-        Far above 1 the effect would be nearly absent and only what shapes it at work.
-        """
-        item, scale = self.items[index], self.scales[index]
-        pull = np.abs(item.columns.T @ self.remainder) * scale.weights(item.main) ** 2
-        shape, main = pull[~item.main].max(initial=0.0), pull[item.main].max(initial=0.0)
-        return float(shape / main) if main > 0.0 else np.inf
-
     def effective_dof(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""
         spread = self.coefficients()[1]

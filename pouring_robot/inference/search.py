@@ -28,8 +28,6 @@ class SearchOptions:
     # share of an effect's part that its main parameters must be able to make; for this and ``most_cancelled`` see
     # docs/inference.md, "What is no cause"
     least_main_share: float = 0.4
-    # how many times larger than an effect's largest main parameter one that only shapes it may be, in usual sizes
-    most_shape: float = 5.0
     # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
     # others, and they are no causes but ways to fit together what is none of them
     most_cancelled: float = 3.0
@@ -90,7 +88,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
         if not wrong:
             break
-        bent = frozenset({current.items[max(wrong, key=current.shape_excess)].key})
+        bent = frozenset({current.items[min(wrong, key=current.main_share)].key})
         rest = current.without_items(wrong)
         current = _ascended(replace(rest, barred=rest.barred | bent), options)
     return current
@@ -119,8 +117,7 @@ def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) 
 
 def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
-    enough = hypothesis.main_share(index) >= options.least_main_share
-    return enough and hypothesis.shape_excess(index) <= options.most_shape
+    return hypothesis.main_share(index) >= options.least_main_share
 
 
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:

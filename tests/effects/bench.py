@@ -16,6 +16,7 @@ from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
 from pouring_robot.effects import conditions
 from pouring_robot.effects.registry import library
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
@@ -40,6 +41,23 @@ TARGET = np.array([0.12, -0.07, 0.05, 0.01, 0.02, -0.01])
 ROBOT = RobotModel().definition
 EFFECTS = {effect.id: effect for effect in library(ROBOT)}
 CHANNELS = tuple(f"drive.{drive.joint}" for drive in ROBOT.drives)
+
+
+def stiff_drawing():
+    """Return the drawing with joints a hundred thousand times stiffer than assumed: only drives yield."""
+    model = RobotModel()
+    loops = model.loops()
+    stiffness = {
+        name: quantity.model_copy(update={"value": 1e5 * quantity.value}) for name, quantity in loops.stiffness
+    }
+    stiffer = loops.model_copy(update={"stiffness": loops.stiffness.model_copy(update=stiffness)})
+    return ClosedChainMechanism(model.urdf(), stiffer)
+
+
+def soft_against_turning(mechanism, stiffness):
+    """Return a mechanism whose closures yield to turning by a stiffness, in Nm/rad."""
+    rotation = mechanism.loops.stiffness.rotation.model_copy(update={"value": stiffness})
+    return mechanism.with_stiffness(mechanism.loops.stiffness.model_copy(update={"rotation": rotation}))
 
 
 def campaign_of(scene, position, rotation):

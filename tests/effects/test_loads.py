@@ -5,11 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.robot.model import RobotModel
-from tests.effects.bench import CENTRE_OF_MASS, CHANNELS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
+from tests.effects.bench import (
+    CENTRE_OF_MASS,
+    CHANNELS,
+    EFFECTS,
+    GRAVITY,
+    SIGMA_M,
+    SIGMA_RAD,
+    SPAN_M,
+    TARE_KG,
+    soft_against_turning,
+    stiff_drawing,
+)
 from tests.rig.machine import LOWER, UPPER
 from tests.rig.true_values import true_values
 
@@ -49,14 +59,7 @@ def test_forces_hold_the_ladle(bench):
 
 @pytest.fixture(scope="module")
 def stiff_mechanism():
-    """The drawing with joints a hundred thousand times stiffer than assumed: only drives yield."""
-    model = RobotModel()
-    loops = model.loops()
-    stiffness = {
-        name: quantity.model_copy(update={"value": 1e5 * quantity.value}) for name, quantity in loops.stiffness
-    }
-    stiffer = loops.model_copy(update={"stiffness": loops.stiffness.model_copy(update=stiffness)})
-    return ClosedChainMechanism(model.urdf(), stiffer)
+    return stiff_drawing()
 
 
 @pytest.mark.parametrize("drive", range(4))
@@ -174,3 +177,27 @@ def test_heavier_ladle_pulls_harder(bench):
     twice = bench.campaign.with_conditions(payload=2.0 * bench.campaign.payload_kg + TARE_KG)
     heavier = bench.rows_of(twice).conditions
     assert heavier.drive_force == pytest.approx(2.0 * bench.rows.conditions.drive_force, rel=1e-12)
+
+
+def test_moments_on_joints_turn_closures_as_far_as_they_yield(bench, drawing, stiff_mechanism):
+    """What the energy makes of closures that yield to turning alone, against moment over stiffness at their joints."""
+    row, mass, softer = 7, 300.0, 1e-9
+    stiff = 1.0 / stiff_mechanism.loops.stiffness.rotation.value
+    soft = soft_against_turning(stiff_mechanism, 1.0 / (stiff + softer))
+    names, given = stiff_mechanism.loops.drives, bench.rows.conditions
+    commanded = dict(zip(names, bench.campaign.drives[row].tolist(), strict=True))
+    start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
+
+    def platform(mechanism, payload_kg):
+        loads = Loads(True, payload_kg, "moving_platform", tuple(CENTRE_OF_MASS.tolist()))
+        return ClosureSolver(mechanism, loads).solve(commanded, start).pose_base_to_end.translation
+
+    found = np.subtract(*(platform(soft, m) - platform(stiff_mechanism, m) for m in (mass, 0.0)))
+    seats = [name for name in given.joint_moments if name.split(".")[0].endswith("seat_mount")]
+    assert len(seats) == 12
+    seen = sum(
+        bench.ordered(bench.rows.channel(name, bench.linear)).reshape(-1, 6)[row] * given.joint_moments[name][row]
+        for name in seats
+    )
+    expected = motion_of_platform(bench, row, seen) * mass * GRAVITY / given.weight_n[row] * softer
+    assert np.abs(found - expected).max() <= 3e-3 * np.abs(expected).max()

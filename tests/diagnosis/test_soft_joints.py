@@ -1,0 +1,60 @@
+"""Joints that turn under the load, by the energy of closures that yield: seen, and no cause."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot import diagnose
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
+from tests.effects.bench import (
+    BASE,
+    CENTRE_OF_MASS,
+    SIGMA_M,
+    SIGMA_RAD,
+    TARE_KG,
+    TARGET,
+    Bench,
+    soft_against_turning,
+    stiff_drawing,
+)
+
+STIFFNESS = 1e8
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench(rows=80, sessions=1)
+
+
+@pytest.fixture(scope="module")
+def found(bench, drawing):
+    """What is said of a machine whose closures yield to turning, measured with noise."""
+    mechanism, rng = soft_against_turning(stiff_drawing(), STIFFNESS), np.random.default_rng(4)
+    before, behind = (pin.SE3(pin.exp3(frame[3:]), frame[:3]) for frame in (BASE, TARGET))
+    seen = []
+    for drives, payload in zip(bench.campaign.drives, bench.scene.payload_kg, strict=True):
+        commanded = dict(zip(mechanism.loops.drives, drives.tolist(), strict=True))
+        start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
+        loads = Loads(True, TARE_KG + payload, "moving_platform", tuple(CENTRE_OF_MASS.tolist()))
+        seen.append(before * ClosureSolver(mechanism, loads).solve(commanded, start).pose_base_to_end * behind)
+    position = np.array([pose.translation for pose in seen]) + SIGMA_M * rng.normal(size=(len(seen), 3))
+    turns = [pin.log3(pin.exp3(SIGMA_RAD * rng.normal(size=3)) @ pose.rotation) for pose in seen]
+    return diagnose(dataclasses.replace(bench.campaign, position_m=position, rotation_vector_rad=np.array(turns)))
+
+
+def test_soft_joints_are_seen_and_not_named(found):
+    assert found.hypothesis.items[0].form == "soft_joints"
+    assert not found.effects
+    assert found.verdict == "unknown"
+    assert "brought to light by the load" in found.judgement.reasons[0]
+
+
+def test_their_softness_is_found(found):
+    """Four of the six joints of a chain twist a leg, each as far: together as far as its closure does here."""
+    hypothesis, assumed = found.hypothesis, found.diagnoser.rows.conditions.robot.mechanism().loops.stiffness
+    at = sum(len(weights) for weights in hypothesis.weights()[: -len(hypothesis.items)])
+    softness = hypothesis.coefficients()[0][at] * hypothesis.scales[0].main / assumed.rotation.value
+    assert 4.0 * softness == pytest.approx(1.0 / STIFFNESS, rel=0.02)
