@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
-from pouring_robot.mechanism.arrays import FloatArray
 
-SAG = "background_sag"
-_SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
-"""So many directions carry nearly all of it; at 5 kN it is at most what axes that are off by a 32nd of a mrad do."""
+SOFTNESS = "background_softness"
+"""What is called no effect but fitted: see :func:`_softness`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +61,8 @@ def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> 
 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
-    """Yield what may be found, and what weight makes of workmanship, with their columns in all equations."""
-    # What weight makes comes first: it takes most room while it is made, and the others are not there yet.
-    loose = [form for name, form in library.workmanship.items() if library.effects[name].loosened_by_load]
-    if loose and rows.conditions.weight_n is not None:
-        yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
+    """Yield what may be found, and what weight makes of soft joints, with their columns in all equations."""
+    if rows.conditions.joint_moments:
         yield _softness(rows, linear)
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
@@ -83,23 +77,4 @@ def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
     _, stiffness = rows.conditions.robot.mechanism().loops.stiffness_si
     turned = {name: moment / stiffness for name, moment in rows.conditions.joint_moments.items()}
     column = rows.column(EffectParameter("softness", "rad/rad", 1.0, turned), linear)
-    return Explanation(SAG, "soft_joints", column[:, None], np.ones(1, dtype=bool), cause=False)
-
-
-def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: FloatArray) -> Explanation:
-    """Return what weight makes of tilted axes: the end body gives way, where the mechanism is soft.
-
-    Closed chains may hold it in some directions by the stiffness of their joints alone, so that under load a tilt of an
-    axis moves it further, by load and pose. What stiffness there is nobody knows; hence no cause but an explanation.
-    """
-    poses_and_one = np.column_stack([np.ones(len(rows)), poses(rows.conditions)])
-    load = ((weight_n - weight_n.mean()) / 5000.0)[:, None] * poses_and_one
-    # Load by load: side by side they would be the largest thing that a diagnosis holds.
-    factors = [factor[linear.row][:, None] for factor in load.T]
-    products = [[axes.T @ (axes * (one * other)) for other in factors] for one in factors]
-    _, directions = np.linalg.eigh(np.block(products))
-    kept = np.split(_SAG_SIZE * directions[:, ::-1][:, :_SAG_COLUMNS], len(factors))
-    columns = np.zeros((len(axes), kept[0].shape[1]))
-    for factor, shares in zip(factors, kept, strict=True):
-        columns += factor * (axes @ shares)
-    return Explanation(SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=1.0)
+    return Explanation(SOFTNESS, "soft_joints", column[:, None], np.ones(1, dtype=bool), cause=False)

@@ -75,8 +75,6 @@ class Effect(ABC):
     driven_by: str = ""
     # measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`
     told_apart_by: str = ""
-    # whether load brings its workmanship to light: the mechanism gives way further where it is soft
-    loosened_by_load: bool = False
 
     @property
     def driver(self) -> str:

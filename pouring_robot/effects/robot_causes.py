@@ -30,7 +30,7 @@ def causes_of(robot: RobotDefinition) -> Causes:
         return robot.causes
     mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
     return Causes(
-        entries=(*_of_drives(robot), *_of_structure(robot, mechanism)),
+        entries=(*_of_drives(robot), *_of_structure(robot)),
         placements=_placements(robot, mechanism),
         thermometers=(ambient, *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
@@ -80,9 +80,9 @@ def _strengths(robot: RobotDefinition, drives: tuple[Drive, ...]) -> tuple[float
     return tuple(said) if all(0.0 < limit < np.inf for limit in said) else ()
 
 
-def _of_structure(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
+def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
     story = "joints stand elsewhere on their links, or their axes point elsewhere, than drawn"
-    yield CauseEntry("joint_placement", "placement", story, {"loosened_by_load": bool(mechanism.anchors)})
+    yield CauseEntry("joint_placement", "placement", story)
     yield CauseEntry("link_thermal_expansion", "links_growth", "warm links are longer than drawn")
     for travel in robot.travels[:1]:
         story = "the beam that carries the base sinks under it and leans with the slope of its deflection"

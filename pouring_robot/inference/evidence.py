@@ -161,7 +161,6 @@ def bayes_factor(
     columns: FloatArray,
     projected: FloatArray,
     main: BoolArray | None = None,
-    largest: float = np.inf,
     unit: float = 1.0,
 ) -> BayesFactor:
     """Return what a group of columns is worth beside everything else.
@@ -170,28 +169,26 @@ def bayes_factor(
         columns: inner products of its columns through the inverse of the covariance of everything else, (k, k).
         projected: of its columns with the residual, (k,).
         main: which of them are no shaping, (k,); by default all.
-        largest: scales beyond this are not possible.
         unit: of shaping; see :func:`shaping_unit`.
     """
     if not len(projected):
         return BayesFactor(0.0, Scale(1.0), 0.0)
-    log_scales, scales, weights = _grid(len(columns), main, largest, unit)
-    values = _over_scales(weights, columns, projected, log_scales)
-    shape, best = divmod(int(np.argmax(values)), len(log_scales))
+    scales, weights = _grid(len(columns), main, unit)
+    values = _over_scales(weights, columns, projected)
+    shape, best = divmod(int(np.argmax(values)), len(LOG_SCALES))
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
-    return BayesFactor(evidence, Scale(float(np.exp(log_scales[best])), scales[shape].shaping), peak)
+    return BayesFactor(evidence, Scale(float(np.exp(LOG_SCALES[best])), scales[shape].shaping), peak)
 
 
 def most_evidence(
     columns: FloatArray,
     projected: FloatArray,
     main: BoolArray | None = None,
-    largest: float = np.inf,
     unit: float = 1.0,
 ) -> float:
     """Return what :func:`bayes_factor` of the same does not exceed: all that the widest scales explain, for nothing."""
-    widest = min(largest, float(np.exp(LOG_SCALES[-1])))
+    widest = float(np.exp(LOG_SCALES[-1]))
     weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
     inner = weights[:, None] * columns * weights
     inner.flat[:: len(columns) + 1] += 1.0
@@ -203,39 +200,35 @@ def evidences(
     columns: FloatArray,
     projected: FloatArray,
     main: BoolArray | None = None,
-    largest: float = np.inf,
     unit: float = 1.0,
 ) -> FloatArray:
     """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
-    log_scales, _, weights = _grid(len(columns), main, largest, unit)
+    _, weights = _grid(len(columns), main, unit)
     squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
     kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
     seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected)
     explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
-    variance = np.exp(2.0 * log_scales)[:, None] * np.where(kept, squared, 0.0)[:, None]
+    variance = np.exp(2.0 * LOG_SCALES)[:, None] * np.where(kept, squared, 0.0)[:, None]
     values = 0.5 * ((variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None])
     values = values.reshape(-1, projected.shape[1])
     return np.asarray(logsumexp(values, axis=0) - np.log(len(values)))
 
 
-def _grid(
-    count: int, main: BoolArray | None, largest: float, unit: float
-) -> tuple[FloatArray, list[Scale], FloatArray]:
-    """Return main scales (logarithms, s), shaping scales (p) and the weights of columns at each of those, (p, k)."""
-    log_scales = LOG_SCALES[np.log(largest) + 1e-9 >= LOG_SCALES]
+def _grid(count: int, main: BoolArray | None, unit: float) -> tuple[list[Scale], FloatArray]:
+    """Return shaping scales (p) and the weights of columns at each of them, (p, k)."""
     main = np.ones(count, dtype=bool) if main is None else main
     shapings = np.ones(1) if main.all() else unit * SHAPINGS
-    return log_scales, [Scale(1.0, s) for s in shapings.tolist()], np.where(main, 1.0, shapings[:, None])
+    return [Scale(1.0, s) for s in shapings.tolist()], np.where(main, 1.0, shapings[:, None])
 
 
-def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
+def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray) -> FloatArray:
     """Return the log evidence of a group of columns at each scale, (p, s), for several sets of weights, (p, k).
 
     In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
     1 + s^2 T the pivots, from its end, give the determinant, and the first one the element that is asked for (Golub &
     Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
     """
-    count, variances = len(projected), np.exp(2.0 * log_scales)
+    count, variances = len(projected), np.exp(2.0 * LOG_SCALES)
     diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
     for k, own in enumerate(weights):
         bordered = np.zeros((count + 1, count + 1), order="F")
@@ -268,6 +261,6 @@ def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def largest_scale(columns: FloatArray, projected: FloatArray, probability: float = 0.975) -> float:
     """Return the scale that the coefficients of a group, as of :func:`bayes_factor`, are below with a probability."""
-    worth = _over_scales(np.ones((1, len(columns))), columns, projected, LOG_SCALES)[0]
+    worth = _over_scales(np.ones((1, len(columns))), columns, projected)[0]
     shares = np.cumsum(np.exp(worth - worth.max()))
     return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

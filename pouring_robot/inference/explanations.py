@@ -53,7 +53,6 @@ class Explanation:
     # whether it may be named. What is no cause is there to be fitted and to explain, such as workmanship that the load
     # brings to light.
     cause: bool = True
-    largest: float = np.inf  # how many times their usual size the parameters can be
     # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""
 

@@ -192,12 +192,11 @@ class Hypothesis:
             else:
                 yield found, item
 
-    def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float, float]:
+    def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
         seen = (
             *self._beside.of(self.problem.places(item)),
             item.main,
-            item.largest,
             self.problem.shaping_units[item.key],
         )
         return seen

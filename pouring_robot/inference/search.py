@@ -30,7 +30,7 @@ class SearchOptions:
     least_main_share: float = 0.4
     # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
     # others, and they are no causes but ways to fit together what is none of them
-    most_cancelled: float = 3.0
+    most_cancelled: float = 2.0
 
     @property
     def least_evidence(self) -> float:
@@ -70,7 +70,6 @@ def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float
                 inner[places[:, None], places],
                 projected[places],
                 item.main,
-                item.largest,
                 problem.shaping_units[item.key],
             )
             largest = np.maximum(largest, found + problem.log_priors[item.effect])

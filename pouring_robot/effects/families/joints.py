@@ -85,7 +85,6 @@ class Tilts(Family):
 
     driven_by: str = ""  # condition that must vary so that it shows
     joints: Mapping[str, tuple[str, ...]]  # of whose axes alone forms are, by form; that without joints has the twists
-    loosened_by_load = True
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All axes, and twists."""
@@ -102,7 +101,6 @@ class Tilts(Family):
 class Placement(Family):
     """Joints displaced and their axes tilted."""
 
-    loosened_by_load: bool = False
     driven_by = "position_m"
 
     def workmanship(self, conditions: Conditions) -> Parameters:
