@@ -30,7 +30,7 @@ class SearchOptions:
     least_main_share: float = 0.4
     # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
     # others, and they are no causes but ways to fit together what is none of them
-    most_cancelled: float = 2.0
+    most_cancelled: float = 3.0
 
     @property
     def least_evidence(self) -> float:
