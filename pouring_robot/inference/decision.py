@@ -192,12 +192,12 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
     ]
     loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
     if not found.causes and loose and _worth_saying(hypothesis, loose, found.thresholds):
-        reasons.append("the gap looks like workmanship brought to light by the load, and nothing else is found")
+        reasons.append("the gap looks like what the load makes of soft joints, and nothing else is found")
     return reasons
 
 
 def _worth_saying(hypothesis: Hypothesis, loose: Sequence[int], thresholds: Thresholds) -> bool:
-    """Return whether what load makes of workmanship is more than a minor part of workmanship, as causes are told."""
+    """Return whether what is no cause is more than a minor part of workmanship, as causes are told."""
     size = len(hypothesis.problem.residual)
     workmanship = max(hypothesis.log_evidence - hypothesis.with_levels_of(()).log_evidence, 0.0)
     return _added(hypothesis, loose) >= thresholds.minor_share * float(np.sqrt(2.0 * workmanship / size))

@@ -49,7 +49,7 @@ def test_soft_joints_are_seen_and_not_named(found):
     assert found.hypothesis.items[0].form == "soft_joints"
     assert not found.effects
     assert found.verdict == "unknown"
-    assert "brought to light by the load" in found.judgement.reasons[0]
+    assert "soft joints" in found.judgement.reasons[0]
 
 
 def test_their_softness_is_found(found):

@@ -398,7 +398,7 @@ def test_small_errors_brought_to_light_are_no_cause():
     fit = explanation("fitted", axis(0), cause=False)
     alone = judge(fitted({0: SURE}, [fit]), Left())
     assert (alone.verdict, alone.causes, len(alone.reasons)) == ("unknown", (), 1)
-    assert "brought to light" in alone.reasons[0]
+    assert "soft joints" in alone.reasons[0]
     beside = judge(fitted({0: SURE, 1: SURE}, [fit, explanation("a", axis(1))], 2), Left())
     assert (beside.verdict, effects(beside), beside.reasons) == ("named", ("a",), ())
 
