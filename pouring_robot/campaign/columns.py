@@ -87,11 +87,7 @@ def array_names(robot: RobotDefinition) -> dict[str, tuple[str, ...]]:
 
 
 def sessions_of(table: QuantityTable) -> tuple[str, ...]:
-    """Return the session of each row; all "1" without a column.
-
-    Raises:
-        CampaignError: a cell of the column is empty.
-    """
+    """Return the session of each row, all "1" without a column; raises CampaignError where a cell of it is empty."""
     sessions = table.labels.get("session", ("1",) * len(table))
     if "" in sessions:
         problem = "the session is missing; name one in every row, or leave the column out"

@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_path, read_metadata
+from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
+from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -231,6 +233,13 @@ class Campaign(Result):
         if self.rotation_vector_rad is None:
             return np.zeros((len(self), 3), dtype=bool)
         return np.asarray(np.isfinite(self.rotation_vector_rad), dtype=np.bool_)
+
+    @property
+    def measured_poses(self) -> PoseStack:
+        """The measured poses of the target in the tracker frame, whose arrays may be changed; NaN where missing."""
+        vectors = self.rotation_vector_rad
+        rotation = np.full((len(self), 3, 3), np.nan) if vectors is None else rotation_matrices(vectors)
+        return PoseStack(np.array(self.position_m), rotation)
 
     @property
     def usable(self) -> BoolArray:

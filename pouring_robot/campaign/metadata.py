@@ -29,36 +29,34 @@ _DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temper
 
 
 class CampaignMetadata(StrictModel):
-    """What holds for a whole campaign, in SI units. None: not stated.
-
-    Attributes:
-        target: the body the target sits on; where on it is unknown and always fitted.
-        frame: the frame the measurements are given in; where it stands is unknown and always fitted.
-        frames: whether that is one place, or the tracker was set up anew in each session.
-        sigma_position_m: standard deviation of a measured coordinate, in m; ``sigma_rotation_rad`` of a component of
-            the measured rotation; ``sigma_distance_m`` of a distance; ``sigma_closure_m`` of what redundant drives
-            disagree by.
-        screw_pitch_m: travel of a leg a turn of its screw, in m.
-        truss_span_m: length of the rails, in m.
-        ladle_tare_kg: mass of the empty ladle, in kg.
-        ladle_centre_of_mass_m: centre of mass of the ladle in the moving platform's frame, in m.
-        reference_temperature_degC: temperature at which the drawing holds, in °C.
-    """
+    """What holds for a whole campaign, in SI units. None: not stated."""
 
     robot: str = "pouring_robot"
     description: str = ""
-    target: str = "moving_platform"
-    frame: str = "tracker"
-    frames: Frames = "one"
-    sigma_position_m: _Size | None = None
-    sigma_rotation_rad: _Size | None = None
-    sigma_distance_m: _Size | None = None
-    sigma_closure_m: _Size | None = None
-    screw_pitch_m: _Size | None = None
-    truss_span_m: _Size | None = None
-    ladle_tare_kg: _Size | None = None
-    ladle_centre_of_mass_m: Triple | None = None
+    target: str = "moving_platform"  # the body the target sits on; where on it is unknown and always fitted
+    frame: str = "tracker"  # in which measurements are given; where it stands is unknown and always fitted
+    frames: Frames = "one"  # whether that is one place, or the tracker was set up anew in each session
+    sigma_position_m: _Size | None = None  # standard deviation of a measured coordinate
+    sigma_rotation_rad: _Size | None = None  # of a component of the measured rotation
+    sigma_distance_m: _Size | None = None  # of a distance
+    sigma_closure_m: _Size | None = None  # of what redundant drives disagree by
+    screw_pitch_m: _Size | None = None  # travel of a leg a turn of its screw
+    truss_span_m: _Size | None = None  # length of the rails
+    ladle_tare_kg: _Size | None = None  # mass of the empty ladle
+    ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
+    # at which the drawing holds
     reference_temperature_degC: float | None = None  # noqa: N815 - the unit is spelt as in the campaign files
+
+    @property
+    def own_frames(self) -> bool:
+        """Whether each session measured from a place of its own."""
+        return self.frames == PER_SESSION
+
+    @property
+    def metres_per_rad(self) -> float:
+        """Noise of a coordinate over noise of a rotation component, in m; 1 m where they are not both stated."""
+        position, rotation = self.sigma_position_m, self.sigma_rotation_rad
+        return position / rotation if position and rotation else 1.0
 
 
 _UNITS: dict[str, dict[str, dict[str, float]]] = {
@@ -128,11 +126,7 @@ _FILE.units = {_TEMPERATURE: {_TEMPERATURE: 1.0, "reference_temperature_K": 1.0}
 
 
 def metadata_path(path: Path | str) -> Path:
-    """Return the YAML file that belongs to a campaign's table: the same stem, ``.yaml`` or ``.yml``.
-
-    Raises:
-        CampaignError: there is none.
-    """
+    """Return the YAML of a campaign's table: its stem and ``.yaml`` or ``.yml``; raises CampaignError without one."""
     table = Path(path)
     try:
         for suffix in (".yaml", ".yml"):
@@ -149,11 +143,7 @@ def metadata_path(path: Path | str) -> Path:
 
 
 def read_metadata(path: Path | str) -> CampaignMetadata:
-    """Read the YAML file of a campaign.
-
-    Raises:
-        CampaignFileError: the file cannot be read, or a key or value in it is wrong; names line and key.
-    """
+    """Read the YAML file of a campaign; raises CampaignFileError, with line and key, if it or a value is wrong."""
     path = Path(path)
     file = validate(_FILE, read_yaml(path, CampaignFileError), path, CampaignFileError)
     facts = file.facts()
@@ -191,10 +181,8 @@ def campaign_files(
 ) -> dict[Path, bytes]:
     """Return what the two files of a campaign hold, by path: the table, CSV or Parquet by its suffix, and the YAML.
 
-    Columns hold their n values in inner units; labels that are all empty are left out.
-
-    Raises:
-        OutputError: the suffix is that of the YAML file.
+    Columns hold their n values in inner units; labels that are all empty are left out. Raises OutputError if the suffix
+    is that of the YAML file.
     """
     if path.suffix.lower() in (".yaml", ".yml"):
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")

@@ -14,15 +14,10 @@ from pouring_robot.robot.description.drawing import Drawing
 
 @dataclass(frozen=True, eq=False)
 class PoseStack:
-    """n poses as arrays; rows that have no pose are NaN.
+    """n poses as arrays; rows that have no pose are NaN."""
 
-    Attributes:
-        position_m: (n, 3) origins, in m.
-        rotation: (n, 3, 3) rotation matrices.
-    """
-
-    position_m: FloatArray
-    rotation: FloatArray
+    position_m: FloatArray  # origins, (n, 3), in m
+    rotation: FloatArray  # rotation matrices, (n, 3, 3)
 
     def __len__(self) -> int:
         return int(self.position_m.shape[0])

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pouring_robot.batch import BatchCommand
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.quantities import Quantity, read_quantities
@@ -24,19 +26,13 @@ _POUR_CYCLE = 25  # poses from one filling of the ladle to the next
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """What to command and what is known of each of n poses.
+    """What to command and what is known of each of n poses."""
 
-    Attributes:
-        poses: poses of the pouring robot's platform, drive values of another robot.
-        drives: (n, drives) drive values the controller commands for them, in m and rad.
-        samples: their names; "" where none.
-        conditions: values (n,) of each condition that is planned, by quantity name, in m, kg, s and °C.
-    """
-
-    poses: tuple[Command, ...]
-    drives: FloatArray
-    samples: tuple[str, ...]
+    poses: tuple[Command, ...]  # poses of the pouring robot's platform, drive values of another robot
+    drives: FloatArray  # what the controller commands for them, (n, drives), in m and rad
+    samples: tuple[str, ...]  # their names; "" where none
     sessions: tuple[str, ...]
+    # values (n,) of each condition that is planned, by quantity name, in m, kg, s and °C
     conditions: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -78,8 +74,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
         names = ", ".join(quantity.name for quantity in wanted)
         raise table.fault(f"the value is missing; a plan needs {names} of every pose", row, wanted[column].name)
     commands = robot.drawing.commands(values)
-    unreached = ~(np.isfinite(commands.start.position).all(axis=1) & robot.drawing.in_reach(commands.start))
-    for row in np.flatnonzero(unreached).tolist():
+    for row in np.flatnonzero(~reachable(robot, commands)).tolist():
         try:
             robot.location_of(robot.command_at(values[row]))
         except NoSolutionError as error:
@@ -118,10 +113,9 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     for _ in range(50 * count):
         values = random.uniform(lower, upper)
         found = robot.drawing.commands(values[None])
-        if not (np.isfinite(found.start.position).all() and robot.drawing.in_reach(found.start).all()):
-            continue
-        drives.append(found.drives[0])
-        poses.append(robot.command_at(values))
+        if reachable(robot, found).all():
+            drives.append(found.drives[0])
+            poses.append(robot.command_at(values))
         if len(poses) == count:
             break
     if len(poses) < count:
@@ -129,6 +123,12 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     commanded = np.array(drives)
     conditions = approaches(robot.model.definition, commanded) | _random_conditions(robot, count, random)
     return PosePlan(tuple(poses), commanded, tuple(str(i) for i in range(count)), ("1",) * count, conditions)
+
+
+def reachable(robot: Robot, commands: BatchCommand) -> NDArray[np.bool_]:
+    """Return which of n commands have a pose of the drawing within all joint limits, (n,)."""
+    start = commands.start
+    return np.asarray(np.isfinite(start.position).all(axis=1) & robot.drawing.in_reach(start))
 
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:

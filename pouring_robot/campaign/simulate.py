@@ -65,20 +65,15 @@ class MeasurementOptions:
 
 @dataclass(frozen=True, eq=False)
 class VirtualMeasurement:
-    """A campaign as a user would get it, and what was hidden in it.
-
-    Attributes:
-        actual_poses: pose of the moving platform in the fixed platform of the robot as built, row by row.
-        outlier_rows: rows with a gross error, from 0.
-        lost_cells: row and quantity of each cell that was emptied.
-    """
+    """A campaign as a user would get it, and what was hidden in it."""
 
     campaign: Campaign
+    # of the moving platform in the fixed platform of the robot as built, row by row
     actual_poses: tuple[pin.SE3, ...] = field(repr=False)
     pose_tracker_to_fixed_platform: pin.SE3
     pose_platform_to_target: pin.SE3
-    outlier_rows: tuple[int, ...]
-    lost_cells: tuple[tuple[int, str], ...]
+    outlier_rows: tuple[int, ...]  # rows with a gross error, from 0
+    lost_cells: tuple[tuple[int, str], ...]  # row and quantity of each cell that was emptied
     seed: int
 
     def truth_text(self, model: Path | None = None) -> str:

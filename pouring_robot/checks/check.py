@@ -27,19 +27,12 @@ from pouring_robot.robot.description.drawing import Drawing
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """What the checks found.
+    """What the checks found."""
 
-    Attributes:
-        flags: the findings, errors first.
-        comparison: commands and measurements with the mistakes found undone.
-        fit: the two frames fitted to them; None where they cannot be.
-        disagreement_m: root mean square of what redundant drives of the nominal robot disagree by, in m; None without.
-    """
-
-    flags: list[DataFlag]
-    comparison: Comparison
-    fit: FrameFit | None
-    disagreement_m: float | None = None
+    flags: list[DataFlag]  # the findings, errors first
+    comparison: Comparison  # commands and measurements with the mistakes found undone
+    fit: FrameFit | None  # the two frames fitted to them; None where they cannot be
+    disagreement_m: float | None = None  # RMS of what redundant drives of the nominal robot disagree by; None without
 
 
 @one_blas_thread()

@@ -143,23 +143,15 @@ ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_D
 
 @dataclass(frozen=True)
 class DataFlag:
-    """One finding.
-
-    Attributes:
-        message: what and where, one line, with the file's own lines and headings.
-        remedy: what to do about it, one sentence.
-        rows: indices of the rows concerned, from 0; empty: the campaign as a whole.
-        columns: headings in the file of the columns concerned.
-        metrics: the figures behind it; the unit is the end of the name.
-    """
+    """One finding."""
 
     code: FlagCode
     severity: Severity
-    message: str
-    remedy: str
-    rows: tuple[int, ...] = ()
-    columns: tuple[str, ...] = ()
-    metrics: dict[str, float] = field(default_factory=dict)
+    message: str  # what and where, one line, with the file's own lines and headings
+    remedy: str  # what to do about it, one sentence
+    rows: tuple[int, ...] = ()  # indices of the rows concerned, from 0; empty: the campaign as a whole
+    columns: tuple[str, ...] = ()  # headings in the file of the columns concerned
+    metrics: dict[str, float] = field(default_factory=dict)  # the figures behind it; the unit is the end of the name
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}; {self.remedy}"

@@ -49,7 +49,7 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
 
     That is where each session by itself agrees with the robot far better than all from one place.
     """
-    if len(set(campaign.sessions)) < 2 or campaign.metadata.frames == PER_SESSION:
+    if len(set(campaign.sessions)) < 2 or campaign.metadata.own_frames:
         return in_one_frame(campaign, poses), []
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
     try:
@@ -66,12 +66,6 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
     return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
-
-
-def metres_per_rad(campaign: Campaign) -> float:
-    """Return noise of a coordinate over noise of a rotation component, in m; 1 m where the file states neither."""
-    position, rotation = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
-    return position / rotation if position and rotation else 1.0
 
 
 class FrameChecks:
@@ -167,7 +161,7 @@ class FrameChecks:
         if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
             self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
-        self.fit = self.data.fit(metres_per_rad(self.campaign))
+        self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
 
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
@@ -219,7 +213,7 @@ class FrameChecks:
         elif before > _HOPELESS_RAD:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
-        self.fit = self.data.fit(metres_per_rad(self.campaign))
+        self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
 
 
 def _fitted(

@@ -38,15 +38,11 @@ _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 @dataclass(frozen=True)
 class Scatter:
-    """What a measured component scatters by: f over the stated noise, and whether that is sure to be no chance.
+    """What a measured component scatters by."""
 
-    Attributes:
-        by_drives: what one unit of white error of every drive would add, as a variance over that of the noise.
-    """
-
-    factor: float
-    sure: bool
-    by_drives: FloatArray
+    factor: float  # f, over the stated noise
+    sure: bool  # whether that is sure to be no chance
+    by_drives: FloatArray  # what one unit of white error of every drive would add, as a variance over that of the noise
 
 
 def check_noise(
@@ -57,7 +53,7 @@ def check_noise(
     sound[wrong] = False
     rows = np.flatnonzero(sound)
     # Frames that each session has for itself were fitted to these rows, and are none of the causes below.
-    apart = campaign.metadata.frames == "per session"
+    apart = campaign.metadata.own_frames
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
     rows = rows[evenly(rows.size, _MOST_ROWS)]

@@ -318,12 +318,9 @@ def _unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatAr
 
 
 def _leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, float]:
-    """Return what the terms leave of a column of values, each row judged without itself, and its robust deviation.
+    """Return what smooth terms (n, t) leave of values, each row judged without itself, and its robust deviation.
 
-    Args:
-        terms: (n, terms) as :func:`_smooth_terms` gives them.
-        values: (n,) residuals; of NaN rows nothing is left.
-        floor: the least standard deviation that counts, in the unit of the values: the measurement noise.
+    Of NaN rows nothing is left; ``floor`` is the least deviation that counts, in the unit of the values: the noise.
     """
     _, left, scale = _robust_fit(terms, values, floor)
     return _sized(left, scale)

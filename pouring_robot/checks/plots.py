@@ -23,10 +23,8 @@ _MOST_SESSIONS = 12
 def write_picture(campaign: Campaign, found: Examination, layout: Layout | None, path: Path | str) -> Path:
     """Draw the commanded poses from three sides with the workspace box, and the misfit of each row, as PNG.
 
-    A robot without a workspace box has no ``layout``; rows that the checks flagged are marked.
-
-    Raises:
-        OutputError: the file cannot be written.
+    A robot without a workspace box has no ``layout``; rows that the checks flagged are marked. Raises OutputError if
+    the file cannot be written.
     """
     figure = new_figure(11.0, 9.5, dpi=120)
     # The box is four times as high as wide, so that the first two sights keep its shape.

@@ -41,21 +41,13 @@ _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, an
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Commands and measurements side by side, as far as the mistakes found are undone.
+    """Commands and measurements side by side, as far as the mistakes found are undone."""
 
-    Attributes:
-        drives: (n, drives) in m and rad.
-        poses: nominal poses for them; NaN where there are none.
-        position_m: (n, 3) measured positions.
-        rotation_vector_rad: (n, 3) measured rotation vectors, or None.
-        inverted: whether the measured poses are those of the tracker's side seen from the end body's.
-    """
-
-    drives: FloatArray
-    poses: PoseStack
-    position_m: FloatArray
-    rotation_vector_rad: FloatArray | None
-    inverted: bool = False
+    drives: FloatArray  # (n, drives), in m and rad
+    poses: PoseStack  # nominal poses for them; NaN where there are none
+    position_m: FloatArray  # measured, (n, 3)
+    rotation_vector_rad: FloatArray | None  # measured, (n, 3); None: none was
+    inverted: bool = False  # whether the measured poses are those of the tracker's side seen from the end body's
 
     def __getitem__(self, rows: Rows) -> Comparison:
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
 from pouring_robot.cli.shared import options
 from pouring_robot.cli.shared.tables import print_blocks
 
@@ -29,7 +27,7 @@ def regress(
     poses: PosesFile = None,
     axis: Annotated[Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm ….")] = None,
     method: Method = None,
-    groups: Annotated[int, typer.Option(min=1, help="Groups that the clustering cuts.")] = 2,
+    groups: Annotated[int, options.opt("Groups that the clustering cuts.", min=1)] = 2,
     cut: Annotated[float | None, options.opt("Cut there instead.", "--lambda", metavar="L")] = None,
     similarity: Annotated[
         Similarity, options.opt("Whether sets of opposite sign are alike (absolute) or not.")

@@ -36,14 +36,14 @@ def init(urdf: Urdf, out: Out = None) -> None:
 
 
 def _two(help_: str) -> Any:
-    return typer.Option(metavar="A B", help=help_, show_default=False)
+    return options.opt(help_, metavar="A B", show_default=False)
 
 
 @dataclass(frozen=True)
 class Sizes:
     """What is known of a new machine."""
 
-    name: Annotated[str | None, typer.Option(help="What the layout is called.", show_default=False)] = None
+    name: Annotated[str | None, options.opt("What the layout is called.", show_default=False)] = None
     fixed_mm: Annotated[tuple[float, float] | None, _two("Upper U joints apart, along x and y.")] = None
     moving_mm: Annotated[tuple[float, float] | None, _two("Lower U joints apart, along x and y.")] = None
     x_mm: Annotated[tuple[float, float] | None, _two("Workspace of the moving platform along x.")] = None
@@ -51,17 +51,15 @@ class Sizes:
     z_mm: Annotated[tuple[float, float] | None, _two("Along z: below the fixed platform is negative.")] = None
     tilt_deg: Annotated[tuple[float, float] | None, _two("Least and largest tilt.")] = None
     stroke_mm: Annotated[tuple[float, float] | None, _two("Shortest and longest leg (default: as needed).")] = None
-    payload_kg: Annotated[float | None, typer.Option(help="Largest mass of melt.", show_default=False)] = None
-    tare_kg: Annotated[float | None, typer.Option(help="Mass of the empty ladle.", show_default=False)] = None
+    payload_kg: Annotated[float | None, options.opt("Largest mass of melt.", show_default=False)] = None
+    tare_kg: Annotated[float | None, options.opt("Mass of the empty ladle.", show_default=False)] = None
 
 
 def new(
     *,
     out: Annotated[Path, options.results_folder(*_OWN)] = Path("my_robot"),
     sizes: Sizes,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Ask nothing: what is not said is as the paper's robot has it.")
-    ] = False,
+    yes: Annotated[bool, options.opt("Ask nothing: what is not said is as the paper's robot has it.", "--yes")] = False,
     png: options.PngFile = None,
 ) -> None:
     """Describe a 4-UPU machine of your own: asks for its sizes, writes its files, checks its workspace, draws it.

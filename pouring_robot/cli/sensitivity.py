@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import print_table
 
@@ -18,8 +16,8 @@ _SHOWN, _PARTS_SHOWN = 25, 6
 def sensitivity(
     *,
     which: bundles.Which,
-    poses: Annotated[int, typer.Option(min=2, max=200_000, help="Poses all over the workspace.")] = 10_000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of their drawing.")] = 2022,
+    poses: Annotated[int, options.opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
+    seed: Annotated[int, options.opt("Seed of their drawing.", min=0)] = 2022,
     length_mm: Annotated[float, options.opt("Size of every length error.")] = 0.2,
     angle_mrad: Annotated[float, options.opt("Size of every angle error.")] = 4.0,
     limit_mm: Annotated[float, options.opt("Errors beyond it are those to control.")] = 1.0,

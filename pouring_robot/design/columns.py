@@ -30,6 +30,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from pouring_robot.campaign.plan import reachable
 from pouring_robot.design.request import PlannedParameter
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
@@ -43,6 +44,7 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 
 _EDGE_LEVELS = 3
+_Parts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -72,15 +74,9 @@ class Columns:
             ladle = robot.layout.ladle
             self._ladle_at, self._tare_kg = np.array(ladle.centre_of_mass.metres), ladle.tare.value
 
-    @property
-    def unknowns(self) -> int:
-        """The twelve frame numbers and the parameters."""
-        return FRAMES + len(self.parameters)
-
     def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
         """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
-        start = self.robot.drawing.commands(poses).start
-        return np.isfinite(start.position).all(axis=1) & self.robot.drawing.in_reach(start)
+        return reachable(self.robot, self.robot.drawing.commands(poses))
 
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
@@ -90,9 +86,9 @@ class Columns:
         The noise of the device decides how many components k a pose has; ``target_m`` is the place of the target on the
         moving platform, (3,). Shapes (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and (n,).
         """
-        base, drives, loads, closed = self._parts(poses, target_m)
+        parts, closed = self._parts(poses, target_m)
         sigma = noise.sigma
-        rows = np.stack([self._row(base, drives, loads, poses, c) for c in conditions], axis=1)
+        rows = np.stack([self._row(c, *parts) for c in conditions], axis=1)
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
 
     def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -101,13 +97,11 @@ class Columns:
         It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
         m, rotation vector in rad. At side 0 it is the mean of both.
         """
-        base, drives, loads, closed = self._parts(poses, self._lip_m)
-        return self._row(base, drives, loads, poses, conditions), closed
+        parts, closed = self._parts(poses, self._lip_m)
+        return self._row(conditions, *parts), closed
 
-    def _parts(
-        self, poses: FloatArray, target_m: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return columns of frames and local parameters, of the drives, and load on each drive per N of weight."""
+    def _parts(self, poses: FloatArray, target_m: FloatArray) -> tuple[_Parts, NDArray[np.bool_]]:
+        """Return what rows are made of (see :meth:`_row`) and which poses close, (n,)."""
         command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)
         still, centre = pin.SE3.Identity(), self._ladle_at
@@ -118,15 +112,18 @@ class Columns:
         lifted = driven.linearise(Unknowns.zero(OuterFrames(still, pin.SE3(np.eye(3), centre)), len(self.drives)))
         closed = seen.closed & drives.closed & lifted.closed
         base, drive_columns, at_centre = (np.nan_to_num(part.derivatives) for part in (seen, drives, lifted))
-        return base, drive_columns[:, :, FRAMES:], -at_centre[:, 2, FRAMES:], closed
+        return (base, drive_columns[:, :, FRAMES:], -at_centre[:, 2, FRAMES:], command.drives), closed
 
     def _row(
-        self, base: FloatArray, drives: FloatArray, loads: FloatArray, poses: FloatArray, conditions: Conditions
+        self, conditions: Conditions, base: FloatArray, drives: FloatArray, loads: FloatArray, commanded: FloatArray
     ) -> FloatArray:
-        rows = np.empty((len(poses), 6, self.unknowns))
+        """Return columns of all unknowns, (n, 6, 12 + P).
+
+        Of columns of frames and local parameters, of the drives, loads on these per N of weight, and their commands.
+        """
+        rows = np.empty((len(base), 6, FRAMES + len(self.parameters)))
         rows[:, :, : base.shape[2]] = base
         weight = GRAVITY_M_S2 * (self._tare_kg + conditions.payload_kg)
-        commanded = self.robot.drawing.commands(poses).drives
         for k, parameter in enumerate(self.parameters[len(self.local) :], start=base.shape[2]):
             drive = [d.joint for d in self.drives].index(parameter.local.joint)
             column = drives[:, :, drive]
@@ -187,11 +184,7 @@ def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray
     Whitened rows (k, p) have the nuisance columns first; ``prior`` is one over the prior standard deviation of each
     unknown, (p,), 0 for none.
     """
-    factor = _triangle(rows, prior)[nuisance:, nuisance:]
-    values = np.zeros(rows.shape[1] - nuisance)
-    found = np.linalg.svd(factor, compute_uv=False)
-    values[: len(found)] = found
-    return values
+    return np.asarray(np.linalg.svd(_triangle(rows, prior)[nuisance:, nuisance:], compute_uv=False))
 
 
 def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:

@@ -165,11 +165,7 @@ class MeasurementPlan(Result):
         return csv_text(*self.table())
 
     def save(self, path: Path | str) -> Path:
-        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all; raises OutputError if not."""
         return write_whole(path, self.csv())
 
     def figures(self) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
@@ -43,7 +42,7 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
     Raises:
         CampaignError: a session has too few whole positions to tell where it measured from.
     """
-    if campaign.metadata.frames != PER_SESSION:
+    if not campaign.metadata.own_frames:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()
     return in_one_frame(campaign, PoseStack(closure.position, closure.rotation))

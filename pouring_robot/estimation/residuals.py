@@ -28,7 +28,6 @@ from pouring_robot.estimation.instruments import (
 from pouring_robot.estimation.measurement import BoolArray, Differentiated, Prediction
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.rotations import rotation_matrices
 
 Loss = Literal["huber", "soft_l1", "linear"]
 _INLIER_SHARE = 0.99
@@ -63,11 +62,8 @@ class MeasuredPoses(PoseStack):
     @classmethod
     def from_campaign(cls, campaign: Campaign, noise: NoiseLevel) -> MeasuredPoses:
         """Take the measured columns of a campaign; rows without all drives count as not measured."""
-        usable, position, others = campaign.usable, np.array(campaign.position_m), list[Instrument]()
-        rotation = np.full((len(campaign), 3, 3), np.nan)
-        if campaign.rotation_vector_rad is not None:
-            rotation = rotation_matrices(campaign.rotation_vector_rad)
-        position[~usable], rotation[~usable] = np.nan, np.nan
+        usable, seen, others = campaign.usable, campaign.measured_poses, list[Instrument]()
+        seen.position_m[~usable], seen.rotation[~usable] = np.nan, np.nan
         redundant, distance = campaign.redundant_drives, campaign.distance_m
         if redundant or distance is not None:
             length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
@@ -75,7 +71,7 @@ class MeasuredPoses(PoseStack):
             others.append(Distances(noise["distance"].sigma, length, rows, campaign.distance_start))
         if redundant:
             others.append(Closures(noise["closure"].sigma, np.repeat(usable[:, None], redundant, axis=1)))
-        return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
+        return cls(seen.position_m, seen.rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
@@ -157,10 +153,7 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
     """Return the whitened Jacobian of the predicted measurement, shape (m, 12 + P): what planning weighs poses by.
 
     ``sigma`` is the standard deviation of the six components, (6,), in m and rad; ``known`` says which are measured,
-    (n, 6), by default all. The prediction carries its Jacobian.
-
-    Raises:
-        BadInputError: the prediction carries no Jacobian.
+    (n, 6), by default all. Raises BadInputError of a prediction without a Jacobian.
     """
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -57,7 +56,7 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     themselves (``auto``) blocks are sessions if there are four or more, the last large enough, else regions. Raises
     CalibrationError if there are too few rows.
     """
-    own_frames = campaign.metadata.frames == PER_SESSION
+    own_frames = campaign.metadata.own_frames
     if own_frames and hold_out in ("session", "time"):
         problem = f"sessions have frames of their own, which a block held out by {hold_out} would not know"
         raise CalibrationError(problem, "choose --hold-out region")

@@ -164,8 +164,8 @@ def thermal(
         measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         if field is not None:
             measured |= {"displacement": {"under": moved.under, **field.figures()}}
-        names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
-        return options.print_json(content | measured | names)
+        names = {"layout": ladle.model.layout, "radiation": not conduction_only}
+        return options.print_figures(content | measured | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
     print_blocks(page.blocks(found))

@@ -8,8 +8,6 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
@@ -27,8 +25,8 @@ def view(
     path: Annotated[Path | None, options.reads("Play the poses of a table.", "POSES.csv")] = None,
     campaign: Annotated[Path | None, options.reads("Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
-    port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    port: Annotated[int, options.opt("TCP port on the loopback address; 0 takes a free one.")] = 0,
+    browser: Annotated[bool, options.opt("Open the page in the browser.")] = True,
 ) -> None:
     """Move the nominal and the actual robot in the browser by sliders, until Ctrl-C.
 

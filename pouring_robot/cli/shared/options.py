@@ -76,12 +76,12 @@ def opt(help: str, *name: str, **more: Any) -> Any:
 
 def reads(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to read, which must be there."""
-    return typer.Option(metavar=metavar, help=help, callback=there)
+    return opt(help, metavar=metavar, callback=there)
 
 
 def writes(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return typer.Option(metavar=metavar, help=help, callback=_new)
+    return opt(help, metavar=metavar, callback=_new)
 
 
 def argument(metavar: str, help: str) -> Any:
@@ -105,7 +105,7 @@ def results_folder(*files: str, what: str = "") -> Any:
 
     _WRITES.add(fresh)
     named = ", ".join([*([what] if what else []), *files])
-    return typer.Option("--out", metavar="DIR", help=f"Folder, made if need be, for {named}.", callback=fresh)
+    return opt(f"Folder, made if need be, for {named}.", "--out", metavar="DIR", callback=fresh)
 
 
 def is_output(annotation: Any) -> bool:
@@ -157,9 +157,7 @@ Conditions = Annotated[
     opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
 ]
 Overwrite = Annotated[bool, opt("Replace files that are there.", "--overwrite", is_eager=True, callback=_may_overwrite)]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
-]
+Quiet = Annotated[bool, opt("Print nothing but errors and JSON.", "--quiet", "-q", is_eager=True, callback=_be_quiet)]
 
 
 def with_melt(robot: Robot) -> PouringRobot:

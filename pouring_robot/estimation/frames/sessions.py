@@ -15,14 +15,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
-from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
+from pouring_robot.mechanism.rotations import rotation_vectors
 
 SESSION = "session "
 """How the names of what only a session sees begin."""
@@ -49,7 +48,7 @@ class SessionParameter:
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
-    if campaign.metadata.frames != PER_SESSION:
+    if not campaign.metadata.own_frames:
         return ()
     _, *others = by_size(campaign)
     return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
@@ -76,18 +75,15 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
         CampaignError: a session has too few whole positions to tell where it measured from.
         FrameFitError: of those of the largest too few have drives that reach a pose.
     """
-    if campaign.metadata.frames != PER_SESSION or len(set(campaign.sessions)) < 2:
+    if not campaign.metadata.own_frames or len(set(campaign.sessions)) < 2:
         return campaign
     sessions, names = np.array(campaign.sessions), by_size(campaign)
-    vectors = campaign.rotation_vector_rad
-    rotation = np.full((len(campaign), 3, 3), np.nan) if vectors is None else rotation_matrices(vectors)
-    measured = PoseStack(np.array(campaign.position_m), rotation)
+    measured = campaign.measured_poses
     largest = np.flatnonzero(sessions == names[0])
     if np.count_nonzero(campaign.usable[largest]) < FEWEST_ROWS:
         raise _too_few(campaign, names[0])
-    noise_m, noise_rad = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
-    arm_m = noise_m / noise_rad if noise_m and noise_rad else 1.0
-    first = fit_frames(poses[largest], measured.position_m[largest], rotation[largest], arm_m).frames
+    arm_m, seen = campaign.metadata.metres_per_rad, measured[largest]
+    first = fit_frames(poses[largest], seen.position_m, seen.rotation, arm_m).frames
     target = PoseStack(first.places(poses), poses.rotation @ first.T_end_target.rotation)
     for name in names[1:]:
         rows = np.flatnonzero((sessions == name) & campaign.usable)
@@ -97,7 +93,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
         back = first.T_tracker_base * T_tracker_base.inverse()
         measured.position_m[rows] = measured.position_m[rows] @ back.rotation.T + back.translation
         measured.rotation[rows] = back.rotation @ measured.rotation[rows]
-    turned = None if vectors is None else rotation_vectors(measured.rotation)
+    turned = rotation_vectors(measured.rotation) if campaign.full_pose else None
     return dataclasses.replace(campaign, position_m=measured.position_m, rotation_vector_rad=turned)
 
 
