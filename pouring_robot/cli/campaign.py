@@ -104,11 +104,16 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
         style="bold",
         soft_wrap=True,
     )
-    options.say(
-        f"random plans of as many poses: {compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad "
-        f"(median of {compared['count']}); this one has {compared['ratio_mm']:.0%} of that",
-        soft_wrap=True,
-    )
+    if compared["undetermined"]:
+        count = f"{compared['undetermined']} of {compared['count']}"
+        options.say(f"{count} random plans of as many poses cannot determine the parameters", soft_wrap=True)
+    if compared["median_rms_mm"] is not None:
+        median = f"{compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad"
+        options.say(
+            f"random plans of as many poses: {median} (median of {compared['count']}); this one has "
+            f"{compared['ratio_mm']:.0%} of that",
+            soft_wrap=True,
+        )
     indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
     options.say(f"observability (per mm, mrad; larger is better): {indices}")
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]

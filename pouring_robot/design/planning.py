@@ -10,6 +10,7 @@ Everything is linear in the unknowns, about the given model; effects of the cond
 :mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
 """
 
+import contextlib
 import functools
 import math
 from collections.abc import Sequence
@@ -255,7 +256,7 @@ class Comparison:
     """Expected standard deviations of the ladle by a plan, (3,), and by each of k random ones, (k, 3).
 
     Of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place at the worst
-    pose of the workspace, in m.
+    pose of the workspace, in m. Infinite where a plan does not determine the parameters.
     """
 
     planned: FloatArray
@@ -271,12 +272,17 @@ class Comparison:
         """The plan's over the median random plan's, shape (3,)."""
         return np.asarray(self.planned / self.median)
 
-    def figures(self) -> dict[str, float]:
-        """Return the figures for JSON, mm and mrad."""
+    def figures(self) -> dict[str, float | None]:
+        """Return the figures for JSON, mm and mrad; no median where more than half do not determine the parameters."""
+        mm, mrad = (
+            float(median) / unit if np.isfinite(median) else None
+            for median, unit in zip(self.median[:2], (MM, MRAD), strict=True)
+        )
         return {
             "count": len(self.random),
-            "median_rms_mm": float(self.median[0]) / MM,
-            "median_rms_mrad": float(self.median[1]) / MRAD,
+            "undetermined": int(np.isinf(self.random[:, 0]).sum()),
+            "median_rms_mm": mm,
+            "median_rms_mrad": mrad,
             "ratio_mm": float(self.ratios[0]),
             "ratio_mrad": float(self.ratios[1]),
         }
@@ -286,13 +292,20 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
     """Compare a plan with random ones of as many poses, spread evenly over the workspace box.
 
     Loads and temperatures are drawn too, evenly from those that the plan may choose; as many poses are visited from
-    both sides. ``seed`` is that of the first; the others follow. A count that is not positive raises BadInputError.
+    both sides. ``seed`` is that of the first; the others follow. One that cannot determine the parameters leaves the
+    ladle anywhere: infinite deviations. A count that is not positive raises BadInputError.
     """
     if count < 1:
         raise BadInputError(f"compare with at least one random plan, not {count}")
-    qualities = [plan.quality, *(planner.quality(*random_visits(planner, seed + k)) for k in range(count))]
-    figures = np.array([(q.ladle_rms_m, q.ladle_rms_rad, q.ladle_worst_m) for q in qualities])
-    return Comparison(figures[0], figures[1:])
+
+    def stds(quality: PlanQuality) -> list[float]:
+        return [quality.ladle_rms_m, quality.ladle_rms_rad, quality.ladle_worst_m]
+
+    random = np.full((count, 3), np.inf)
+    for k in range(count):
+        with contextlib.suppress(UndeterminedError):
+            random[k] = stds(planner.quality(*random_visits(planner, seed + k)))
+    return Comparison(np.array(stds(plan.quality)), random)
 
 
 def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditions]]:

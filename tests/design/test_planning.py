@@ -19,7 +19,7 @@ from pouring_robot.design.columns import (
     telling,
 )
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
-from pouring_robot.design.planning import Planner, compare_with_random, random_visits
+from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
@@ -427,6 +427,23 @@ def test_picture_and_figures(robot, visited, tmp_path):
     figures = json.loads(json.dumps(visited.figures(), allow_nan=False))
     assert figures["rows"] == len(figures["plan"]) == 24
     assert {p["unit"] for p in figures["parameters"]} >= {"mm", "mrad", "µm/kN", "mrad/kNm", "1e-6/K"}
+
+
+def test_random_plans_that_tell_too_little_are_counted(tmp_path, capsys):
+    """Four poses at two temperatures: a random plan may well see one of them only, and no expansion."""
+    command = ["campaign", "plan", "--out", str(tmp_path / "plan.csv"), "--poses", "4"]
+    command += ["--parameters", "drives", "--temperatures", "20", "120", "--candidates", "100", "--starts", "1"]
+    assert main(command) == 0
+    assert "of 25 random plans of as many poses cannot determine the parameters" in capsys.readouterr().out
+    assert main([*command, "--json", "--overwrite"]) == 0
+    compared = json.loads(capsys.readouterr().out)["random_plans"]
+    assert 0 < compared["undetermined"] < 13
+    assert compared["median_rms_mm"] > 0.0
+
+
+def test_without_a_random_plan_that_tells_enough_there_is_no_median():
+    found = Comparison(np.ones(3), np.full((3, 3), np.inf)).figures()
+    assert (found["undetermined"], found["median_rms_mm"], found["ratio_mrad"]) == (3, None, 0.0)
 
 
 def test_command_line(tmp_path, capsys):
