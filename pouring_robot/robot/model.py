@@ -231,6 +231,10 @@ class RobotModel(StrictModel):
         """Return the joint placement errors in m and rad."""
         return {joint: error.to_si() for joint, error in self.joint_placements.items()}
 
+    def displacements(self) -> dict[str, pin.SE3]:
+        """Return the same as poses: of the actual placement in the nominal one."""
+        return {joint: error.to_se3() for joint, error in self.placement_errors().items()}
+
     def drive_offset_values(self) -> dict[str, float]:
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
@@ -327,8 +331,7 @@ class RobotModel(StrictModel):
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
-        errors = {joint: error.to_se3() for joint, error in self.placement_errors().items()}
-        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=errors)
+        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=self.displacements())
 
 
 def _says_something(content: Any) -> bool:
