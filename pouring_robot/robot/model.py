@@ -16,7 +16,6 @@ from typing import Any, Literal
 
 import pinocchio as pin
 import pydantic
-from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
@@ -27,7 +26,7 @@ from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
-from pouring_robot.robot.description.urdf import perturb_urdf
+from pouring_robot.robot.description.urdf import carriers, parsed, perturb_urdf
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -302,8 +301,8 @@ class RobotModel(StrictModel):
         return perturb_urdf(self.nominal_urdf(), self.placement_errors(), self.definition.source)
 
     def _seat_joint(self) -> str:
-        seat, root = self.loops().loops[0].frame_b, etree.fromstring(self.nominal_urdf().encode())
-        return next((str(j.get("name")) for j in root.iterfind("joint") if j.find("child").get("link") == seat), seat)
+        seat = self.loops().loops[0].frame_b
+        return next(iter(carriers(parsed(self.nominal_urdf()), seat)), seat)
 
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
