@@ -15,6 +15,7 @@ import numpy as np
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.kernels.loops import Closures, Samples, make_room
+from pouring_robot.batch.kernels.newton import NOT_CONVERGED
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
@@ -27,7 +28,7 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 from pouring_robot.mechanism.parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
-_NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.index("assembly mode ends")
+_MODE_ENDS = STATUS_NAMES.index("assembly mode ends")  # no kernel says so
 
 
 class CompiledEngine(Engine):
@@ -48,18 +49,13 @@ class CompiledEngine(Engine):
         self._largest_turn = largest_turn(mechanism)
         self._smaller = Shares(mechanism, partial(CompiledEngine, threads=threads, options=options), options.most_steps)
 
-    def start_at(self, configurations: FloatArray) -> BatchStart:
-        """Return Pinocchio configurations, shape (n, nq), as starts."""
-        mechanism, count = self.structure.mechanism, len(configurations)
-        position, rotation = np.empty((count, 3)), np.empty((count, 3, 3))
-        joints = np.zeros((count, *self.structure.star.revolute.shape))
+    def _joints_at(self, configurations: FloatArray) -> FloatArray:
+        joints = np.zeros((len(configurations), *self.structure.star.revolute.shape))
         for row, configuration in enumerate(configurations):
-            pose = mechanism.pose_base_to_end(configuration)
-            position[row], rotation[row] = pose.translation, pose.rotation
-            values = mechanism.joint_values(configuration)
+            values = self.structure.mechanism.joint_values(configuration)
             for i, names in enumerate(self.structure.joint_names):
                 joints[row, i, : len(names)] = [values[name] for name in names]
-        return BatchStart(position, rotation, joints)
+        return joints
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``.
@@ -75,7 +71,7 @@ class CompiledEngine(Engine):
         steps = np.broadcast_to(options.growth_steps(np.fmax(own, self._largest_turn)), len(start))
         if self.structure.is_serial or steps.max(initial=1) == 1:
             return self._straight(drives, start, placed)
-        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+        result = self._room_for(start)
         straight = np.flatnonzero(steps == 1)
         result.put(straight, self._straight(drives[straight], start[straight], placed[straight]))
         for number in np.unique(steps[steps > 1]).tolist():
@@ -92,7 +88,7 @@ class CompiledEngine(Engine):
         self, drives: FloatArray, start: BatchStart, placed: SiteErrors, steps: int, smooth: int
     ) -> BatchClosure:
         """Follow the drawing's mode while errors grow; samples that turn away from it get the status that says so."""
-        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+        result = self._room_for(start)
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
@@ -103,7 +99,7 @@ class CompiledEngine(Engine):
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
                 astray = (closed.iterations > smooth) | jumps(moved, before[rows])
-                closed.refuse(astray | (closed.status == _NOT_CONVERGED), _MODE_ENDS)
+                closed.refuse(astray | (closed.status == NOT_CONVERGED), _MODE_ENDS)
                 before[rows] = moved
             result.put(rows, closed)
             start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
@@ -114,8 +110,7 @@ class CompiledEngine(Engine):
         self, drives: FloatArray, start: BatchStart, placed: SiteErrors, most_open: float | None = None
     ) -> BatchClosure:
         """Close every sample straight from its start; loops may stay open by so much (m, rad), or as options say."""
-        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
-        samples = Samples(start.position, start.rotation, start.joints, placed.errors, placed.site)
+        result, samples = self._room_for(start), _samples(start, placed)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
         if self.structure.is_serial:
             self._share(len(start), carry_samples, samples, drives, written)
@@ -127,13 +122,14 @@ class CompiledEngine(Engine):
         self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written)
         return result
 
+    def _room_for(self, start: BatchStart) -> BatchClosure:
+        return BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+
     def _transfer(
         self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
-        start = closed.as_start()
-        samples = Samples(start.position, start.rotation, start.joints, placed.errors, placed.site)
         kernel = branch_samples if self.structure.is_serial else transfer_samples  # an arm is its only branch
-        return self._of_kernel(kernel, closed.status, chosen, samples)
+        return self._of_kernel(kernel, closed.status, chosen, _samples(closed.as_start(), placed))
 
     def transfer_open_branch(
         self,
@@ -192,3 +188,7 @@ class CompiledEngine(Engine):
         with ThreadPoolExecutor(self.threads) as pool:
             for _ in (map if self.threads == 1 or len(starts) < 2 else pool.map)(run, starts):
                 pass
+
+
+def _samples(start: BatchStart, placed: SiteErrors) -> Samples:
+    return Samples(start.position, start.rotation, start.joints, placed.errors, placed.site)

@@ -8,6 +8,7 @@ import pinocchio as pin
 
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.kernels.newton import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnsupportedMechanismError
@@ -17,8 +18,6 @@ from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_d
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-
-_CLOSED, _NOT_FINITE, _SINGULAR = (STATUS_NAMES.index(name) for name in ("closed", "not finite", "singular"))
 
 
 class GeneralStructure(Structure):
@@ -39,12 +38,8 @@ class GeneralEngine(Engine):
             raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
         self.structure, self.options = GeneralStructure(mechanism, _site_joints(mechanism)), options
 
-    def start_at(self, configurations: FloatArray) -> BatchStart:
-        """Return Pinocchio configurations, shape (n, nq), as starts."""
-        poses = [self.structure.mechanism.pose_base_to_end(configuration) for configuration in configurations]
-        position = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-        rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
-        return BatchStart(position, rotation, configurations)
+    def _joints_at(self, configurations: FloatArray) -> FloatArray:
+        return configurations
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)
@@ -54,7 +49,7 @@ class GeneralEngine(Engine):
         for row in range(count):
             solver = solvers.of(row)
             if solver is None or not np.isfinite(drives[row]).all() or not np.isfinite(start.joints[row]).all():
-                result.status[row] = _NOT_FINITE
+                result.status[row] = NOT_FINITE
                 continue
             try:
                 closed = solver.solve(mechanism.named_drives(drives[row]), start.joints[row])
@@ -65,7 +60,7 @@ class GeneralEngine(Engine):
             pose = solver.mechanism.pose_base_to_end(closed.configuration)
             result.position[row], result.rotation[row] = pose.translation, pose.rotation
             result.joints[row], result.residual[row] = closed.configuration, closed.residual
-            result.iterations[row], result.status[row] = closed.iterations, _CLOSED
+            result.iterations[row], result.status[row] = closed.iterations, CLOSED
             if redundant:
                 result.disagreement[row], _ = disagreement(solver, closed)
         return result
@@ -76,10 +71,10 @@ class GeneralEngine(Engine):
         solvers = _Solvers(self.structure, placed, self.options)
         matrix, status = np.full((len(closed), 6, len(chosen)), np.nan), closed.status.copy()
         redundant = np.full((len(closed), closed.disagreement.shape[1], len(chosen)), np.nan)
-        for row in np.flatnonzero(closed.status == _CLOSED).tolist():
+        for row in np.flatnonzero(closed.status == CLOSED).tolist():
             solver = solvers.of(row)
             if solver is None:
-                status[row] = _NOT_FINITE
+                status[row] = NOT_FINITE
                 continue
             try:
                 result = solver.result_at(closed.joints[row])
@@ -87,7 +82,7 @@ class GeneralEngine(Engine):
                 if redundant.size:
                     redundant[row] = disagreement(solver, result, chosen)[1]
             except SingularPoseError:
-                status[row] = _SINGULAR
+                status[row] = SINGULAR
         return BatchTransfer(chosen, matrix, status, redundant)
 
 

@@ -25,9 +25,16 @@ class Engine(ABC):
         """All placement parameters of the mechanism, six a site that is used."""
         return self.structure.parameters
 
-    @abstractmethod
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
+        poses = [self.structure.mechanism.pose_base_to_end(configuration) for configuration in configurations]
+        position = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+        return BatchStart(position, rotation, self._joints_at(configurations))
+
+    @abstractmethod
+    def _joints_at(self, configurations: FloatArray) -> FloatArray:
+        """Return the joints of configurations as :class:`BatchStart` has them."""
 
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None

@@ -15,7 +15,7 @@ climbs on from there to its tops; what is stated is the highest, rounded up.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
 from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, grid, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
@@ -240,7 +240,7 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
         return poses, PathSearch(heated, poses, frame, strains_along(heated, poses, show=show))
 
     nodes = [chebyshev.chebpts1(count) for count in POINTS]
-    poses, search = searched(_grid(nodes))
+    poses, search = searched(grid(*nodes))
     added = (_found(search) - kinematics.commands(poses).drives).reshape(*POINTS, 4)
     for axis, points in enumerate(nodes):
         inverse = np.linalg.inv(chebyshev.chebvander(points, len(points) - 1))
@@ -255,13 +255,9 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
         off, left = drives - _found(search), search.left_with(drives)
         return np.asarray(np.abs(np.column_stack([off, np.linalg.norm(left[:, :3], axis=1), left[:, 3]])))
 
-    largest, checked = _largest(errors, _grid([chebyshev.chebpts2(count + 1) for count in POINTS]))
+    largest, checked = _largest(errors, grid(*(chebyshev.chebpts2(count + 1) for count in POINTS)))
     *drive_error, place, tilt = (rounded_up(value) for value in largest.tolist())
     return replace(made, drive_error=np.array(drive_error), place_error_m=place, tilt_error_rad=tilt, checked=checked)
-
-
-def _grid(axes: Sequence[FloatArray]) -> FloatArray:
-    return np.asarray(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4))
 
 
 def _found(search: PathSearch) -> FloatArray:

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError, UnreachablePoseError
+from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
@@ -225,11 +225,9 @@ def compensate(
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
         kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
-    except (ClosureError, CompensationError, SingularPoseError) as problem:
+    except (ClosureError, CompensationError, SingularPoseError):
         # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
-        reach = kinematics.limiting_joint(values)
-        if reach.margin < 0.0:
-            raise UnreachablePoseError(reach.joint, reach.value, reach.lower, reach.upper, reach.unit) from problem
+        kinematics.refuse_beyond_limits(values)
         raise
 
     def difference(closed: ClosureResult, name: str) -> PoseDifference:
@@ -310,9 +308,7 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     left = PoseDifference.between(nominal, found.result.pose(wanted.loops.base_frame, frame))
     if not found.settled:
         raise CompensationError(wanted.command, left.distance_m, left.angle_rad)
-    for worst in joint_reach(solver.mechanism, found.result.joint_values | drives)[:1]:
-        if worst.margin < 0.0:
-            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+    refuse_beyond(joint_reach(solver.mechanism, found.result.joint_values | drives))
     definition = robot.model.definition
     axes = definition.drive_axes(robot.nominal_solver.mechanism)
     columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}

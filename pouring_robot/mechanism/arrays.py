@@ -1,9 +1,9 @@
-"""Arrays that are handed out and must not change under their reader's hands, even choices of many rows, their RMS."""
+"""Arrays that are handed out and must not change under their reader's hands, grids, even choices of rows, their RMS."""
 
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", bound=np.generic)
@@ -15,6 +15,11 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
     The first is among them, and the last where there are two.
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
+
+def grid(*axes: ArrayLike) -> FloatArray:
+    """Return all combinations of values along k axes, shape (n, k), the last axis fastest."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def rms(values: FloatArray) -> float:

@@ -16,7 +16,6 @@ from typing import Any, Literal
 
 import pinocchio as pin
 import pydantic
-from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
@@ -27,7 +26,7 @@ from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
-from pouring_robot.robot.description.urdf import perturb_urdf
+from pouring_robot.robot.description.urdf import carriers, parsed, perturb_urdf
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -231,6 +230,10 @@ class RobotModel(StrictModel):
         """Return the joint placement errors in m and rad."""
         return {joint: error.to_si() for joint, error in self.joint_placements.items()}
 
+    def displacements(self) -> dict[str, pin.SE3]:
+        """Return the same as poses: of the actual placement in the nominal one."""
+        return {joint: error.to_se3() for joint, error in self.placement_errors().items()}
+
     def drive_offset_values(self) -> dict[str, float]:
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
@@ -298,8 +301,8 @@ class RobotModel(StrictModel):
         return perturb_urdf(self.nominal_urdf(), self.placement_errors(), self.definition.source)
 
     def _seat_joint(self) -> str:
-        seat, root = self.loops().loops[0].frame_b, etree.fromstring(self.nominal_urdf().encode())
-        return next((str(j.get("name")) for j in root.iterfind("joint") if j.find("child").get("link") == seat), seat)
+        seat = self.loops().loops[0].frame_b
+        return next(iter(carriers(parsed(self.nominal_urdf()), seat)), seat)
 
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
@@ -327,8 +330,7 @@ class RobotModel(StrictModel):
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
-        errors = {joint: error.to_se3() for joint, error in self.placement_errors().items()}
-        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=errors)
+        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=self.displacements())
 
 
 def _says_something(content: Any) -> bool:

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.drive_jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
-from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset, frames_of
+from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
@@ -108,7 +108,7 @@ class PouringRobot(Robot):
         if not loads.gravity and not loads.drive_stiffness:
             command = self.kinematics.commands(poses)
             return self.path_dataset(command, self.close(command.drives, command.start))
-        loops, status = self.nominal_solver.mechanism.loops, []
+        loops, status = self.drawing.mechanism.loops, []
         both = np.full((2, len(poses), len(loops.reported_frames), 3, 4), np.nan)
         for k, pose in enumerate(poses):
             try:
@@ -123,15 +123,12 @@ class PouringRobot(Robot):
 
     def path_dataset(self, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
         """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
-        within, nominal = self.kinematics.within_limits, self.nominal_solver.mechanism
+        within = self.kinematics.within_limits
         reachable = within(command.start.joints) & (~closed.closed | within(closed.joints))
-        status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
-        wanted = frames_of(nominal, command.start.position, command.start.rotation)
-        actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
-        return error_dataset(nominal.loops, status, wanted, actual, _commanded(command.poses))
+        return self._dataset(command.start, closed, reachable, _commanded(command.poses))
 
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
-        return self.locate(self.kinematics.forward(self._named(drives)))
+        return self.locate(self.kinematics.forward(self.kinematics.mechanism.named_drives(drives)))
 
     @property
     def accuracy_m(self) -> float:
@@ -169,7 +166,7 @@ class PouringRobot(Robot):
         if not isinstance(command, PlatformPose):
             return super().drives_of(command)
         drives = self.kinematics.inverse(command)
-        return np.array([drives[name] for name in self.nominal_solver.mechanism.loops.drives])
+        return np.array([drives[name] for name in self.drawing.mechanism.loops.drives])
 
     def location_of(self, command: Command) -> Location:
         """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""

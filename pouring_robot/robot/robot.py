@@ -15,11 +15,11 @@ import functools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
@@ -91,10 +91,9 @@ class Robot:
         other = copy.copy(self)
         other.__dict__.pop("unseen_displacements", None)
         other.model, other._drive_offsets = model, model.drive_offset_values()
-        displaced = {joint: error.to_se3() for joint, error in model.placement_errors().items()}
-        stiff = self.nominal_solver.mechanism.with_stiffness(self.actual_solver.mechanism.loops.stiffness)
+        stiff = self.drawing.mechanism.with_stiffness(self.actual_solver.mechanism.loops.stiffness)
         solver = self.actual_solver
-        other.actual_solver = ClosureSolver(stiff.displaced(displaced), solver.energy.loads, solver.options)
+        other.actual_solver = ClosureSolver(stiff.displaced(model.displacements()), solver.energy.loads, solver.options)
         return other
 
     def __repr__(self) -> str:
@@ -106,7 +105,7 @@ class Robot:
         """Every geometric error of the drawing by name."""
         from pouring_robot.robot.parameters import ParameterCatalogue
 
-        return ParameterCatalogue(self.model.definition, self.nominal_solver.mechanism)
+        return ParameterCatalogue(self.model.definition, self.drawing.mechanism)
 
     @functools.cached_property
     def unseen_displacements(self) -> tuple[str, ...]:
@@ -131,27 +130,32 @@ class Robot:
         Raises:
             BadInputError: the array has another shape or holds a number that is not finite.
         """
-        names = self.nominal_solver.mechanism.loops.drives
+        names = self.drawing.mechanism.loops.drives
         commanded = np.asarray(drives, dtype=float)
         if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():
             raise BadInputError(f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}")
         start = self.drawing.starts(commanded)
         closed = self.close(commanded, start)
-        nominal = frames_of(self.nominal_solver.mechanism, start.position, start.rotation)
-        actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
         units = [drive.unit for drive in self.model.definition.drives]
         coordinates = {
             "drive": list(names),
             "unit": ("drive", units),
             "commanded_drives": (("pose", "drive"), commanded),
         }
-        reachable = self.drawing.in_reach(start) | ~closed.closed
+        return self._dataset(start, closed, self.drawing.in_reach(start) | ~closed.closed, coordinates)
+
+    def _dataset(
+        self, start: BatchStart, closed: BatchClosure, reachable: NDArray[np.bool_], coordinates: Mapping[str, Any]
+    ) -> xr.Dataset:
+        """Return the drawing's poses beside those as built; ``reachable``, (n,): which the joints' limits allow."""
         status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
-        return error_dataset(self.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
+        nominal = frames_of(self.drawing.mechanism, start.position, start.rotation)
+        actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
+        return error_dataset(self.drawing.mechanism.loops, status, nominal, actual, coordinates)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
-        offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
+        offsets = self.actual_drives(dict.fromkeys(self.drawing.mechanism.loops.drives, 0.0))
         return self.engine().close(drives + np.array(list(offsets.values())), start)
 
     def engine(self) -> Engine:
@@ -188,7 +192,7 @@ class Robot:
     @functools.cached_property
     def command_axes(self) -> tuple[CommandAxis, ...]:
         """What it is commanded by."""
-        return self.model.definition.command_axes(self.nominal_solver.mechanism)
+        return self.model.definition.command_axes(self.drawing.mechanism)
 
     def location_of(self, command: Command) -> Location:
         """Return where the robot should be and where it is: at drives, or at a target."""
@@ -206,7 +210,7 @@ class Robot:
 
     def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
         """Return where the robot should be and where it is for one command (drives,), in m and rad."""
-        mechanism = self.nominal_solver.mechanism
+        mechanism = self.drawing.mechanism
         values = np.asarray(drives, dtype=float)
         if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
             raise BadInputError(f"give one finite value for each drive: {', '.join(mechanism.loops.drives)}")
@@ -273,22 +277,20 @@ class Robot:
 
     def close_nominal(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
         """As :meth:`close_actual`, of the drawing."""
-        return self.nominal_solver.solve(self._named(drives), start)
+        return self.nominal_solver.solve(self.drawing.mechanism.named_drives(drives), start)
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
         """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,)."""
-        return self.actual_solver.solve(self.actual_drives(self._named(drives)), start)
-
-    def _named(self, drives: FloatArray) -> dict[str, float]:
-        return dict(zip(self.nominal_solver.mechanism.loops.drives, drives.tolist(), strict=True))
+        return self.actual_solver.solve(self.actual_drives(self.drawing.mechanism.named_drives(drives)), start)
 
     def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
-        return joint_reach(self.nominal_solver.mechanism, nominal.joint_values | self._named(drives))
+        return joint_reach(self.drawing.mechanism, nominal.joint_values | self.drawing.mechanism.named_drives(drives))
 
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> Location:
         reach = self._reach(drives, nominal)
         refuse_beyond(reach)
-        return Location(self._named(drives), nominal, self.close_actual(drives, nominal.configuration), reach)
+        named, actual = self.drawing.mechanism.named_drives(drives), self.close_actual(drives, nominal.configuration)
+        return Location(named, nominal, actual, reach)
 
     def dexterity(self, location: Location) -> Dexterity:
         """Return condition and distance to singularity of the actual robot at a location."""

@@ -6,16 +6,16 @@ A text that is not readable XML, a mesh or a folder that is missing, or is where
 DescriptionError.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from lxml import etree
-from numpy.typing import NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.strangers import readable
 
@@ -49,6 +49,11 @@ def xml_text(root: etree._Element, *, indented: bool = False) -> str:
     if indented:
         etree.indent(root)
     return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
+def text(values: Iterable[float]) -> str:
+    """Return numbers as text that reads back as the same doubles."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def read_text(path: Path) -> str:
@@ -87,6 +92,12 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
         name, link = above[link]
         found.append(name)
     return found
+
+
+def joint_axis(joint: etree._Element) -> FloatArray:
+    """Return the axis of a joint as it is written, of any length, (3,)."""
+    axis = joint.find("axis")
+    return np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), dtype=float)
 
 
 def joint_limits(joint: etree._Element) -> tuple[float, float]:
@@ -173,23 +184,26 @@ def _say_massless(root: etree._Element) -> None:
 
 def _displace(joint: etree._Element, placement: PlacementError, source: Path | str) -> None:
     """Move one joint's origin in place."""
-    origin = joint.find("origin")
+    origin, actual = joint.find("origin"), origin_pose(joint, source) * placement.to_se3()
     if origin is None:
         origin = etree.SubElement(joint, "origin")
-    xyz, rpy = (_numbers(joint, origin, key, source) for key in ("xyz", "rpy"))
-    nominal = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-    actual = nominal * placement.to_se3()
-    origin.set("xyz", " ".join(repr(float(v)) for v in actual.translation))
-    origin.set("rpy", " ".join(repr(float(v)) for v in pin.rpy.matrixToRpy(actual.rotation)))
+    origin.set("xyz", text(actual.translation))
+    origin.set("rpy", text(pin.rpy.matrixToRpy(actual.rotation)))
 
 
-def _numbers(joint: etree._Element, origin: etree._Element, attribute: str, source: Path | str) -> NDArray[np.float64]:
-    text = origin.get(attribute, "0 0 0")
+def origin_pose(element: etree._Element, source: Path | str = "URDF") -> pin.SE3:
+    """Return where a joint, shape or mass has its origin; raises DescriptionError where that is not six numbers."""
+    xyz, rpy = (_three(element, key, source) for key in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def _three(element: etree._Element, attribute: str, source: Path | str) -> FloatArray:
+    origin = element.find("origin")
+    written = "0 0 0" if origin is None else origin.get(attribute, "0 0 0")
     try:
-        x, y, z = (float(part) for part in text.split())
+        x, y, z = (float(part) for part in written.split())
     except ValueError as error:
-        name = joint.get("name")
-        problem = f"joint {name}: origin {attribute}='{text}' is not three numbers"
+        problem = f"{element.tag} {element.get('name')}: origin {attribute}='{written}' is not three numbers"
         raise DescriptionError(source, problem) from error
     return np.array([x, y, z])
 

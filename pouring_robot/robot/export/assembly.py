@@ -12,7 +12,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.robot.description.urdf import joint_limits
+from pouring_robot.robot.description.urdf import joint_axis, joint_limits, origin_pose
 from pouring_robot.robot.export.closed import ClosedRobot
 
 
@@ -26,6 +26,11 @@ class Shape:
     pose: pin.SE3  # in its body
     mesh: str = ""  # file name of a mesh
     colour: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)  # red, green, blue, opacity
+
+    @property
+    def stem(self) -> str:
+        """Name of its mesh without suffix, as all formats of it have."""
+        return PurePosixPath(self.mesh).stem
 
 
 @dataclass(frozen=True)
@@ -147,15 +152,6 @@ def _carriers_first(links: Mapping[str, Any], joints: Mapping[str, Joint]) -> li
     return sorted(links, key=depth)
 
 
-def _numbers(element: Any, key: str, default: str) -> FloatArray:
-    return np.array((element.get(key, default) if element is not None else default).split(), dtype=float)
-
-
-def _pose(element: Any) -> pin.SE3:
-    origin = element.find("origin")
-    return pin.SE3(pin.rpy.rpyToMatrix(_numbers(origin, "rpy", "0 0 0")), _numbers(origin, "xyz", "0 0 0"))
-
-
 def _inertia(link: Any) -> pin.Inertia | None:
     inertial = link.find("inertial")
     mass = float(inertial.find("mass").get("value")) if inertial is not None else 0.0
@@ -164,7 +160,7 @@ def _inertia(link: Any) -> pin.Inertia | None:
     moments = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(moments.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
     own = pin.Inertia(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return _pose(inertial).act(own)
+    return origin_pose(inertial).act(own)
 
 
 def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
@@ -174,17 +170,17 @@ def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
         colour = tuple(float(v) for v in rgba.split()) if rgba else Shape.colour
         match form.tag:
             case "box":
-                sizes = _numbers(form, "size", "")
+                sizes = form.get("size", "").split()
             case "cylinder":
-                sizes = np.array([float(form.get("radius")), float(form.get("length"))])
+                sizes = form.get("radius"), form.get("length")
             case "sphere":
-                sizes = np.array([float(form.get("radius"))])
+                sizes = (form.get("radius"),)
             case "mesh":
-                sizes = _numbers(form, "scale", "1 1 1")
+                sizes = form.get("scale", "1 1 1").split()
             case _:
                 raise DescriptionError("URDF", f"link {link.get('name')}: a '{form.tag}' cannot be exported")
         mesh = PurePosixPath(form.get("filename", "")).name if form.tag == "mesh" else ""
-        yield Shape(form.tag, tuple(sizes.tolist()), _pose(entry), mesh, colour)
+        yield Shape(form.tag, tuple(map(float, sizes)), origin_pose(entry), mesh, colour)
 
 
 def _joint(entry: Any, closed: ClosedRobot) -> Joint:
@@ -192,7 +188,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
     if kind not in ("revolute", "continuous", "prismatic", "fixed"):
         raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
     limit, dynamics = entry.find("limit"), entry.find("dynamics")
-    axis = _numbers(entry.find("axis"), "xyz", "1 0 0")
+    axis = joint_axis(entry)
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
     lower, upper = joint_limits(entry)

@@ -13,12 +13,11 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
-from lxml import etree
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.description.urdf import perturb_urdf, xml_text
+from pouring_robot.robot.description.urdf import joint_axis, parsed, perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -72,17 +71,13 @@ class ClosedRobot:
 
     def urdf_zero_here(self) -> str:
         """Return the tree with the zeros of its joints moved to the command, for viewers that show zeros."""
-        axes = {
-            str(joint.get("name")): np.array((axis.get("xyz") if axis is not None else "1 0 0").split(), dtype=float)
-            for joint in etree.fromstring(self.urdf.encode()).iterfind("joint")
-            for axis in (joint.find("axis"),)
-        }
+        axes = {str(joint.get("name")): joint_axis(joint) for joint in parsed(self.urdf).iterfind("joint")}
         moved = {}
         for name, value in self.joints.items():
             way = tuple((value * axes[name] / np.linalg.norm(axes[name])).tolist())
             is_slide = self.mechanism.unit_of(name) == "m"
             moved[name] = PlacementError(translation_m=way) if is_slide else PlacementError(rotation_rad=way)
-        root = etree.fromstring(perturb_urdf(self.urdf, moved).encode())
+        root = parsed(perturb_urdf(self.urdf, moved))
         for joint in root.iterfind("joint"):
             value = self.joints.get(str(joint.get("name")), 0.0)
             limit, mimic = joint.find("limit"), joint.find("mimic")

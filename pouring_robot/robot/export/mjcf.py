@@ -7,7 +7,6 @@ hangs free between all of its chains, so no chain is preferred.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 from typing import Any, Self
 
 import numpy as np
@@ -17,7 +16,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.loops import LoopSpec
-from pouring_robot.robot.description.urdf import xml_text
+from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed import ClosedRobot
 
@@ -26,11 +25,6 @@ _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
 _DEFAULT_DAMPING = 1.0
 # Condition of a mass matrix beyond which something in it has no mass.
 _MOST_UNEQUAL = 1e14
-
-
-def text(values: Iterable[float]) -> str:
-    """Return numbers as text that reads back as the same doubles."""
-    return " ".join(repr(float(value)) for value in values)
 
 
 def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
@@ -51,8 +45,8 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     etree.SubElement(root, "option", gravity=text((0.0, 0.0, -GRAVITY_M_S2)), timestep=repr(step), **options)
     etree.SubElement(root, "statistic", extent="3")
     asset = etree.SubElement(root, "asset")
-    for name, shape in assembly.meshes.items():
-        etree.SubElement(asset, "mesh", name=_stem(name), file=f"{_stem(name)}.obj", scale=text(shape.sizes))
+    for shape in assembly.meshes.values():
+        etree.SubElement(asset, "mesh", name=shape.stem, file=f"{shape.stem}.obj", scale=text(shape.sizes))
     world = etree.SubElement(root, "worldbody")
     etree.SubElement(world, "light", pos="0 0 6", directional="true")
     _fill(world, assembly.bodies[assembly.base], assembly)
@@ -101,10 +95,6 @@ def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[floa
             shares = np.diag(jacobian @ np.linalg.solve(mass, jacobian.T)) / 3.0
             found[name] = (float(shares[:3].sum()), float(shares[3:].sum()))
     return found
-
-
-def _stem(mesh: str) -> str:
-    return PurePosixPath(mesh).stem
 
 
 def _pose(pose: pin.SE3) -> dict[str, str]:
@@ -164,7 +154,7 @@ def _geom(element: Any, shape: Shape, **more: str) -> None:
     kinds = {"box": 0.5, "cylinder": 0.5, "sphere": 1.0, "mesh": 0.0}
     geom = etree.SubElement(element, "geom", type=shape.kind, **_pose(shape.pose), **more)
     if shape.kind == "mesh":
-        geom.set("mesh", _stem(shape.mesh))
+        geom.set("mesh", shape.stem)
     elif shape.kind == "cylinder":
         geom.set("size", text((shape.sizes[0], 0.5 * shape.sizes[1])))
     else:

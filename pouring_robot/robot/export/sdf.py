@@ -4,7 +4,6 @@ SDF has no joint values: the zero of every joint is the pose that the file shows
 """
 
 from collections.abc import Mapping
-from pathlib import PurePosixPath
 from typing import Any, Literal
 
 import numpy as np
@@ -12,9 +11,8 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.mechanism.loops import LoopSpec
-from pouring_robot.robot.description.urdf import xml_text
+from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
-from pouring_robot.robot.export.mjcf import text
 
 _DRAKE = "http://drake.mit.edu"
 # sdformat refuses a link without mass, and gives one without an inertial 1 kg.
@@ -110,7 +108,7 @@ def _shape(element: Any, shape: Shape, *, coloured: bool) -> None:
     _pose(element, shape.pose)
     form = etree.SubElement(etree.SubElement(element, "geometry"), shape.kind)
     if shape.kind == "mesh":
-        _add(form, "uri", f"meshes/{PurePosixPath(shape.mesh).stem}.obj")
+        _add(form, "uri", f"meshes/{shape.stem}.obj")
         _add(form, "scale", text(shape.sizes))
     elif shape.kind == "box":
         _add(form, "size", text(shape.sizes))

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.typed_yaml import read_yaml, validate
-from pouring_robot.mechanism.arrays import read_only
+from pouring_robot.mechanism.arrays import grid, read_only
 from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
@@ -65,8 +65,7 @@ class Layout:
     def grid(self, *shares: ArrayLike) -> NDArray[np.float64]:
         """Return poses at all combinations of shares (0 to 1) of the box along x, y, z and tilt, shape (n, 4)."""
         lower, upper = self.box
-        places = np.stack(np.meshgrid(*shares, indexing="ij"), axis=-1).reshape(-1, 4)
-        return np.asarray(lower + (upper - lower) * places)
+        return np.asarray(lower + (upper - lower) * grid(*shares))
 
 
 def shipped_layouts_file() -> Path:

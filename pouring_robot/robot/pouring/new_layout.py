@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.pouring.kinematics import chain_joints
@@ -77,8 +77,7 @@ class NewLayout:
         """A grid over the workspace with its corners, (n, 4): x, y, z in m, tilt in rad."""
         ranges = [MM * np.array(pair) for pair in (self.x_mm, self.y_mm, self.z_mm)]
         edges = [*ranges, np.radians(self.tilt_deg)]
-        axes = [low + (high - low) * _SHARES for low, high in edges]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+        return grid(*(low + (high - low) * _SHARES for low, high in edges))
 
     def joints(self, poses: FloatArray) -> FloatArray:
         """Return the joints S1 to S5 of all chains at poses (n, 4), (n, 4, 5), in m and rad."""
