@@ -37,9 +37,10 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
-from pouring_robot.thermal.network.assembly import DEFAULT_OPTIONS, ThermalNetwork, TransientOptions, simulate
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
