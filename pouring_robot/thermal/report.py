@@ -198,10 +198,8 @@ class ShiftHeat(Result):
         """One row a time, with units in the names."""
         (end, at_end), (lip, at_lip) = self.moved.items()
         history, fields = self.history, self.fields
-        poses, legs = (
-            np.array([pose.to_mm_deg() for pose in self.poses]),
-            np.array([field.leg_degC for field in fields]),
-        )
+        poses = np.array([pose.to_mm_deg() for pose in self.poses])
+        legs = np.array([field.leg_degC for field in fields])
         columns: dict[str, Any] = {
             "time_min": self.times_s / 60.0,
             "melt_degC": np.interp(self.times_s, history.times_s, history.melt_degC),

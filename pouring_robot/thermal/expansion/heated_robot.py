@@ -217,7 +217,7 @@ class HeatedRobot:
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""
         if field is None or self.heat is None:
-            return ThermalExpansion((0.0, 0.0, 0.0, 0.0))
+            return ThermalExpansion(_NO_LEG)
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
