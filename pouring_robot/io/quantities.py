@@ -43,23 +43,14 @@ def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity of a table.
+    """One quantity of a table."""
 
-    Attributes:
-        name: its name without unit, such as ``q1`` or ``leg1``.
-        kind: what is measured; decides which units are accepted.
-        required: whether a table without it is refused.
-        unless: a quantity that may stand in its place.
-        part_of: what it is nothing without, such as "a rotation vector": such quantities come all or none.
-        words: what it is, where its name may be taken for something else.
-    """
-
-    name: str
-    kind: Kind
-    required: bool = False
-    unless: str = ""
-    part_of: str = ""
-    words: str = ""
+    name: str  # without unit, such as ``q1`` or ``leg1``
+    kind: Kind  # what is measured; decides which units are accepted
+    required: bool = False  # whether a table without it is refused
+    unless: str = ""  # a quantity that may stand in its place
+    part_of: str = ""  # what it is nothing without, such as "a rotation vector": such quantities come all or none
+    words: str = ""  # what it is, where its name may be taken for something else
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -74,20 +65,14 @@ class Quantity:
 
 @dataclass(frozen=True)
 class QuantityTable:
-    """A table whose headings were understood.
-
-    Attributes:
-        headings: heading in the file of each quantity that was found, by quantity name.
-        unknown: headings that are no quantity and were left out.
-        numbers: values of each numeric quantity in inner units (m, rad, kg, s, °C), (n,), NaN where a cell is empty.
-        labels: cells of each label, length n, "" where empty.
-    """
+    """A table whose headings were understood."""
 
     table: Table
-    headings: dict[str, str]
-    unknown: tuple[str, ...]
+    headings: dict[str, str]  # heading in the file of each quantity that was found, by quantity name
+    unknown: tuple[str, ...]  # headings that are no quantity and were left out
+    # values of each numeric quantity in inner units (m, rad, kg, s, °C), (n,), NaN where a cell is empty
     numbers: dict[str, NDArray[np.float64]] = field(repr=False)
-    labels: dict[str, tuple[str, ...]] = field(repr=False)
+    labels: dict[str, tuple[str, ...]] = field(repr=False)  # cells of each label, length n, "" where empty
 
     def __len__(self) -> int:
         return len(self.table)

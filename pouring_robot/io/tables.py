@@ -20,21 +20,15 @@ _MOST_ROWS = 1_000_000
 
 @dataclass(frozen=True)
 class Table:
-    """Headings and raw cells of a table. Lines with nothing in them are left out.
-
-    Attributes:
-        lines: (n,) line of each row in a CSV or Excel file (the heading is line 1); in Parquet, its row from 1.
-        error: what is raised where something is wrong.
-        heading_line: None where headings stand on no line.
-        cells: returns the cells of a column, by its index.
-    """
+    """Headings and raw cells of a table. Lines with nothing in them are left out."""
 
     path: Path
     headings: tuple[str, ...]
+    # line of each row in a CSV or Excel file (the heading is line 1), shape (n,); in Parquet, its row from 1
     lines: NDArray[np.int64]
-    error: type[TableError]
-    heading_line: int | None
-    cells: Callable[[int], Sequence[Any]] = field(repr=False)
+    error: type[TableError]  # what is raised where something is wrong
+    heading_line: int | None  # None where headings stand on no line
+    cells: Callable[[int], Sequence[Any]] = field(repr=False)  # returns the cells of a column, by its index
 
     def __len__(self) -> int:
         return int(self.lines.size)

@@ -15,10 +15,19 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
+from pouring_robot.report.plots import png_of, svg_of
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
-from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
+from pouring_robot.sensitivity.samples import (
+    AXES,
+    ErrorSamples,
+    box_plots,
+    distributions,
+    median_place,
+    peak,
+    uniform_gap,
+)
 
 Range = tuple[float, float]
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
@@ -154,7 +163,7 @@ class SensitivityReport(Result):
                 for c in self.controls
             ],
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": [row.figures for row in self.rows],
+            "parameters": self._table(),
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:
@@ -196,10 +205,7 @@ class SensitivityReport(Result):
         Raises:
             OutputError: the folder cannot be written to.
         """
-        from pouring_robot.report.plots import png_of, svg_of
-        from pouring_robot.sensitivity.samples import box_plots, distributions
-
-        rows = [row.figures for row in self.rows]
+        rows = self._table()
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",

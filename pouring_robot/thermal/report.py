@@ -22,9 +22,10 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
-from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.transient import simulate
 
 
 def part_figures(
@@ -197,10 +198,8 @@ class ShiftHeat(Result):
         """One row a time, with units in the names."""
         (end, at_end), (lip, at_lip) = self.moved.items()
         history, fields = self.history, self.fields
-        poses, legs = (
-            np.array([pose.to_mm_deg() for pose in self.poses]),
-            np.array([field.leg_degC for field in fields]),
-        )
+        poses = np.array([pose.to_mm_deg() for pose in self.poses])
+        legs = np.array([field.leg_degC for field in fields])
         columns: dict[str, Any] = {
             "time_min": self.times_s / 60.0,
             "melt_degC": np.interp(self.times_s, history.times_s, history.melt_degC),

@@ -22,8 +22,9 @@ from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
-from pouring_robot.thermal.network.assembly import ThermalNetwork, TransientOptions
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.transient import TransientOptions
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 

@@ -9,42 +9,6 @@
 A scene has one or more steps: a page plays them, a picture shows one.
 """
 
-from pouring_robot.viewer.live import LiveView, serve
-from pouring_robot.viewer.page import write_html
-from pouring_robot.viewer.picture import draw, write_png
-from pouring_robot.viewer.scene import (
-    GHOST_TINT,
-    Camera,
-    Colour,
-    ColourScale,
-    Curve,
-    Scene,
-    SceneArrows,
-    SceneRobot,
-    Step,
-    exaggeration_text,
-)
-from pouring_robot.viewer.solids import Solid, camera_on, enlarged, solids, visual_model
+import lazy_loader
 
-__all__ = [
-    "GHOST_TINT",
-    "Camera",
-    "Colour",
-    "ColourScale",
-    "Curve",
-    "LiveView",
-    "Scene",
-    "SceneArrows",
-    "SceneRobot",
-    "Solid",
-    "Step",
-    "camera_on",
-    "draw",
-    "enlarged",
-    "exaggeration_text",
-    "serve",
-    "solids",
-    "visual_model",
-    "write_html",
-    "write_png",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

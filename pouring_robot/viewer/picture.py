@@ -16,7 +16,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
 from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, LegendEntry, Scene, at_step, exaggeration_text, legend
-from pouring_robot.viewer.solids import Solid, arrow_ends, camera_on, solids, view_height
+from pouring_robot.viewer.shapes import Solid, arrow_ends, camera_on, solids, view_height
 
 Pixels = npt.NDArray[np.uint8]
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from pouring_robot.viewer.scene import Camera
-from pouring_robot.viewer.solids import Solid
+from pouring_robot.viewer.shapes import Solid
 
 Floats = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]

@@ -17,7 +17,7 @@ from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
 from pouring_robot.thermal.scene import displacement_scene, shift_scene
-from pouring_robot.viewer.solids import colours_at
+from pouring_robot.viewer.shapes import colours_at
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
 PARTS = ("fixed_platform", *LEGS, "platform", "ladle")

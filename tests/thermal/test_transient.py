@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.network.assembly import ThermalNetwork, TransientOptions, integrate, simulate
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
+from pouring_robot.thermal.network.transient import TransientOptions, integrate, simulate
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
 OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)

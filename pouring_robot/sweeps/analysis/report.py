@@ -21,6 +21,7 @@ from pouring_robot.report.plots import new_figure, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary, sobol_indices, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
 
@@ -74,7 +75,7 @@ class SweepReport(Result):
             "seed": plan.config.seed,
             "summary": self.summary.figures(),
             "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
-            "ranking": [parameter.row() for parameter in self.ranking],
+            "ranking": self._table(),
             "allocation": self.allocation.figures() if self.allocation else None,
         }
 
@@ -84,7 +85,7 @@ class SweepReport(Result):
         Raises:
             OutputError: the folder cannot be written to.
         """
-        rows, figure = [parameter.row() for parameter in self.ranking], study_figure(self)
+        rows, figure = self._table(), study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
             RANKING: csv_text(rows[0], (row.values() for row in rows)),
@@ -163,12 +164,11 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     """Return the report as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
-    study = f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}"
     where = f"{frame} off by, RMS over the robots: slices of the workspace, the worst tilt there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
-        Paragraph(f"{study}; seed {config.seed}; content of the sweep {plan.content_hash}"),
+        Paragraph(f"{_study(config)}; seed {config.seed}; content of the sweep {plan.content_hash}"),
         Plot(f"What matters, and how far {frame} is off", svg_of(study_figure(found))),
         Heading("Where in the workspace"),
         Plot(where, svg_of(map_of(plan, found.summary))),
@@ -198,8 +198,12 @@ def study_figure(found: SweepReport) -> Any:
         _name_rows(left, shown)
         left.set_xlabel("total Sobol index" if config.study == "sobol" else "share of the scatter, first order")
         _cumulative(right, summary)
-    figure.suptitle(f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}")
+    figure.suptitle(_study(config))
     return figure
+
+
+def _study(config: SweepConfig) -> str:
+    return f"{config.study}, {config.kind}".replace("_", " ")
 
 
 def map_of(plan: SweepPlan, summary: Summary) -> Any:

@@ -37,9 +37,10 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
-from pouring_robot.thermal.network.assembly import DEFAULT_OPTIONS, ThermalNetwork, TransientOptions, simulate
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -216,7 +217,7 @@ class HeatedRobot:
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""
         if field is None or self.heat is None:
-            return ThermalExpansion((0.0, 0.0, 0.0, 0.0))
+            return ThermalExpansion(_NO_LEG)
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:

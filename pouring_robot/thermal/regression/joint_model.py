@@ -42,13 +42,8 @@ the group it stands for, and weighs as much as that group has sets in the table:
 with both slopes taken against temperature. P_g^PCR is a line itself, so its slope cancels and what is left is the mean
 line of all sets in the table. That is the answer: for a pose drawn like those of the table, the mean line has the least
 expected spread among all weighted means of the sets' lines. The sensitive sets add no accuracy to it.
-
-**Every way to predict** stands side by side: no compensation, single sets, the paper's P_end, and ours.
-Each comes out as an :class:`ErrorLine`, so that all are judged, written to a file and used alike. Judged means: on sets
-that were left out of everything, one at a time, clustering included (:func:`left_out`). Too few sets raise TableError.
 """
 
-from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -57,34 +52,20 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.linear_model import LinearRegression
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from pouring_robot.exceptions import TableError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, PrincipalComponentRegression
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
-from pouring_robot.thermal.regression.table import ErrorSetError, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
+from pouring_robot.thermal.regression.table import ErrorSetError
 
 WEIGHTINGS = ("table", "coefficients", "components")
-NONE, PAPER, COMPONENTS, MEAN, POSE = "none", "paper", "components", "mean", "pose"
-METHODS = {
-    NONE: "no compensation",
-    PAPER: "P_end, weighed by equation 21 (the paper's 5.2)",
-    COMPONENTS: "P_end, weighed by component contribution (the paper's 7)",
-    MEAN: "mean line of all sets (ours)",
-    POSE: "line that depends on the pose (ours)",
-}
-"""What may stand in a thermal-model file, and in words. Single sets are judged beside them as ``single 1``, …"""
-_WEIGHTINGS = {PAPER: "coefficients", COMPONENTS: "components"}
-HELPS_BELOW = 0.9
-"""A method helps if it leaves less than this share of the error on sets left out."""
 
 
 class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Error of any pose, predicted from temperature by all groups of a table together: one line for all poses.
 
     It must not be used where poses err in opposite directions, as this robot's do in Y left and right of its middle:
-    their mean line is near zero and helps none of them. :func:`left_out` compares it with no compensation and a line
-    that depends on the pose.
+    their mean line is near zero and helps none of them. Beside no compensation and a
+    line that depends on the pose it is judged in :mod:`pouring_robot.thermal.regression.methods`.
 
     X is temperature, shape (n, 1); y is the table, sets as columns, shape (n, k). It predicts one error, shape (n,):
     the one to compensate with at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
@@ -191,48 +172,3 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         tags = super().__sklearn_tags__()
         tags.target_tags.multi_output = tags.target_tags.single_output = True
         return tags
-
-
-def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ErrorLine]:
-    """Return every method fitted to a table: ``none``, the single sets, the paper's two, ours.
-
-    Without positions of the sets no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
-    """
-    column, middle = table.temperature_column, float(table.temperatures_K.mean())
-    models = {
-        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(column, table.errors)
-        for name, weighting in _WEIGHTINGS.items()
-    }
-    # What JointRegression("table") comes to, by one line instead of its groups.
-    mean = LinearRegression().fit(column, table.errors.mean(axis=1))
-    singles = zip(models[PAPER].single_intercept_, models[PAPER].single_coef_, strict=True)
-    straight = {NONE: (0.0, 0.0)} | {f"single {g}": one for g, one in enumerate(singles, 1)}
-    straight |= {name: (model.intercept_, model.coef_) for name, model in models.items()}
-    straight[MEAN] = mean.intercept_, mean.coef_[0]
-    lines = {name: ErrorLine.straight(float(a), float(b), middle) for name, (a, b) in straight.items()}
-    if positions is not None:
-        lines[POSE] = ErrorLine.of_pose(table, positions)
-    return lines
-
-
-def judge(lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positions | None = None) -> dict[str, Remains]:
-    """Return what each line leaves of a table's errors."""
-    where = None if positions is None else positions.values
-    return {
-        name: Remains.of(judged.errors - line.predict(judged.temperatures_K, where)) for name, line in lines.items()
-    }
-
-
-def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, Remains]:
-    """Return what each method leaves of sets that it has not seen: each set is left out once."""
-    count = len(table.names)
-    if count < 3:
-        raise TableError(table.source, f"{count} sets are too few to leave one out; give 3 or more")
-    residuals: dict[str, list[FloatArray]] = {}
-    for k, name in enumerate(table.names):
-        others = [i for i in range(count) if i != k]
-        lines = fit_lines(table.without([name]), None if positions is None else positions.rows(others), **selector)
-        own = None if positions is None else positions.values[[k]]
-        for method, line in lines.items():
-            residuals.setdefault(method, []).append(table.errors[:, [k]] - line.predict(table.temperatures_K, own))
-    return {method: Remains.of(np.concatenate(found, axis=1)) for method, found in residuals.items()}

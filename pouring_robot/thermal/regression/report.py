@@ -18,13 +18,13 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.thermal.regression.joint_model import (
+from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.methods import (
     HELPS_BELOW,
     METHODS,
     NONE,
     PAPER,
     POSE,
-    JointRegression,
     fit_lines,
     judge,
     left_out,

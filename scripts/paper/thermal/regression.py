@@ -38,7 +38,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.thermal.regression.joint_model import JointRegression, fit_lines, judge
+from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.methods import fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
 from pouring_robot.thermal.regression.thermal_model import Remains
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.thermal.regression.joint_model import METHODS
+from pouring_robot.thermal.regression.methods import METHODS
 from pouring_robot.thermal.regression.table import ErrorTable
 from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.page import PaperReport, claims_table, tally

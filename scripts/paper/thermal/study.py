@@ -25,7 +25,8 @@ from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot,
 from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.parts import TemperatureField
-from pouring_robot.thermal.regression.joint_model import COMPONENTS, MEAN, PAPER, JointRegression, fit_lines, judge
+from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
 from pouring_robot.thermal.regression.thermal_model import Positions, Remains
 from scripts.paper.tables import load_tables

@@ -1,0 +1,76 @@
+"""Every way to predict an error, side by side: no compensation, single sets, the paper's P_end, and ours.
+
+Each comes out as an :class:`ErrorLine`, so that all are judged, written to a file and used alike. Judged means: on sets
+that were left out of everything, one at a time, clustering included (:func:`left_out`). Too few sets raise TableError.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from sklearn.linear_model import LinearRegression
+
+from pouring_robot.exceptions import TableError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
+from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
+
+NONE, PAPER, COMPONENTS, MEAN, POSE = "none", "paper", "components", "mean", "pose"
+METHODS = {
+    NONE: "no compensation",
+    PAPER: "P_end, weighed by equation 21 (the paper's 5.2)",
+    COMPONENTS: "P_end, weighed by component contribution (the paper's 7)",
+    MEAN: "mean line of all sets (ours)",
+    POSE: "line that depends on the pose (ours)",
+}
+"""What may stand in a thermal-model file, and in words. Single sets are judged beside them as ``single 1``, …"""
+_WEIGHTINGS = {PAPER: "coefficients", COMPONENTS: "components"}
+HELPS_BELOW = 0.9
+"""A method helps if it leaves less than this share of the error on sets left out."""
+
+
+def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ErrorLine]:
+    """Return every method fitted to a table: ``none``, the single sets, the paper's two, ours.
+
+    Without positions of the sets no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
+    """
+    column, middle = table.temperature_column, float(table.temperatures_K.mean())
+    models = {
+        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(column, table.errors)
+        for name, weighting in _WEIGHTINGS.items()
+    }
+    # What JointRegression("table") comes to, by one line instead of its groups.
+    mean = LinearRegression().fit(column, table.errors.mean(axis=1))
+    singles = zip(models[PAPER].single_intercept_, models[PAPER].single_coef_, strict=True)
+    straight = {NONE: (0.0, 0.0)} | {f"single {g}": one for g, one in enumerate(singles, 1)}
+    straight |= {name: (model.intercept_, model.coef_) for name, model in models.items()}
+    straight[MEAN] = mean.intercept_, mean.coef_[0]
+    lines = {name: ErrorLine.straight(float(a), float(b), middle) for name, (a, b) in straight.items()}
+    if positions is not None:
+        lines[POSE] = ErrorLine.of_pose(table, positions)
+    return lines
+
+
+def judge(lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positions | None = None) -> dict[str, Remains]:
+    """Return what each line leaves of a table's errors."""
+    where = None if positions is None else positions.values
+    return {
+        name: Remains.of(judged.errors - line.predict(judged.temperatures_K, where)) for name, line in lines.items()
+    }
+
+
+def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, Remains]:
+    """Return what each method leaves of sets that it has not seen: each set is left out once."""
+    count = len(table.names)
+    if count < 3:
+        raise TableError(table.source, f"{count} sets are too few to leave one out; give 3 or more")
+    residuals: dict[str, list[FloatArray]] = {}
+    for k, name in enumerate(table.names):
+        others = [i for i in range(count) if i != k]
+        lines = fit_lines(table.without([name]), None if positions is None else positions.rows(others), **selector)
+        own = None if positions is None else positions.values[[k]]
+        for method, line in lines.items():
+            residuals.setdefault(method, []).append(table.errors[:, [k]] - line.predict(table.temperatures_K, own))
+    return {method: Remains.of(np.concatenate(found, axis=1)) for method, found in residuals.items()}
