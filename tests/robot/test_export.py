@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+import shutil
 
 import mujoco
 import numpy as np
@@ -181,6 +183,17 @@ def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
     assert gap.poses == 81 and 0.0 < gap.rms_m < gap.largest_m
     assert 0.1 * gap.rms_m < np.sqrt(np.mean(np.square(off))) < 3.0 * gap.rms_m
     assert ClosedRobot.of(RobotModel()).over_workspace().largest_m < 1e-12
+
+
+def test_a_joint_without_limits_turns_by_its_angle(tmp_path):
+    """The five-bar is exact as a tree, whatever its URDF calls the kind of its joints."""
+    shutil.copytree(ROBOTS, tmp_path / "robots")
+    file = tmp_path / "robots" / "five_bar" / "robot.yaml"
+    urdf = RobotModel.for_robot(file).definition.urdf().replace('type="revolute"', 'type="continuous"')
+    (file.parent / "turning.urdf").write_text(re.sub(r'<limit lower="[^"]*" upper="[^"]*"', "<limit", urdf))
+    text = re.sub(r"^(urdf|xacro):.*$", "urdf: turning.urdf", file.read_text(), flags=re.M)
+    file.write_text(re.sub(r"^mappings:.*\n(  .*\n)*", "", text, flags=re.M))
+    assert ClosedRobot.of(RobotModel.for_robot(file)).over_workspace().largest_m < 1e-12
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -102,11 +102,12 @@ class ClosedRobot:
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
         data, off = tree.createData(), np.empty(len(good))
         base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
-        indices = {tree.joints[tree.getJointId(name)].idx_q: name for name in values if tree.existJointName(name)}
+        indices = {tree.joints[tree.getJointId(name)].idx_v: name for name in values if tree.existJointName(name)}
+        moved = np.zeros(tree.nv)
         for k, row in enumerate(good):
-            configuration = pin.neutral(tree)
             for index, name in indices.items():
-                configuration[index] = values[name][row]
-            pin.framesForwardKinematics(tree, data, configuration)
+                moved[index] = values[name][row]
+            # From neutral on: a joint without limits is stored as cosine and sine.
+            pin.framesForwardKinematics(tree, data, pin.integrate(tree, pin.neutral(tree), moved))
             off[k] = np.linalg.norm(data.oMf[base].actInv(data.oMf[tip]).translation - expected[row])
         return TreeGap(len(good), float(np.sqrt(np.mean(off**2))), float(off.max()))
