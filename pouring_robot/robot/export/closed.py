@@ -8,12 +8,14 @@ another one; :meth:`ClosedRobot.over_workspace` says how much that does.
 """
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
@@ -22,6 +24,18 @@ from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.robot import Command, Robot
+
+
+def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
+    """Return a tree's configuration (nq,) with joints of one freedom at values, in m and rad, as far as it has them.
+
+    From neutral on: a joint without limits is stored as cosine and sine.
+    """
+    moved = np.zeros(tree.nv)
+    for name, value in values.items():
+        if tree.existJointName(name):
+            moved[tree.joints[tree.getJointId(name)].idx_v] = value
+    return np.asarray(pin.integrate(tree, pin.neutral(tree), moved))
 
 
 @dataclass(frozen=True)
@@ -102,12 +116,8 @@ class ClosedRobot:
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
         data, off = tree.createData(), np.empty(len(good))
         base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
-        indices = {tree.joints[tree.getJointId(name)].idx_v: name for name in values if tree.existJointName(name)}
-        moved = np.zeros(tree.nv)
         for k, row in enumerate(good):
-            for index, name in indices.items():
-                moved[index] = values[name][row]
-            # From neutral on: a joint without limits is stored as cosine and sine.
-            pin.framesForwardKinematics(tree, data, pin.integrate(tree, pin.neutral(tree), moved))
+            there = configured(tree, {name: course[row] for name, course in values.items()})
+            pin.framesForwardKinematics(tree, data, there)
             off[k] = np.linalg.norm(data.oMf[base].actInv(data.oMf[tip]).translation - expected[row])
         return TreeGap(len(good), float(np.sqrt(np.mean(off**2))), float(off.max()))

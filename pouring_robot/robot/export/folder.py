@@ -14,7 +14,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
-from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.closed import ClosedRobot, configured
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import sdf
@@ -107,12 +107,8 @@ def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
         for k in range(i + 1, len(names)):
             if names[k] != one:
                 shapes.addCollisionPair(pin.CollisionPair(i, k))
-    configuration = pin.neutral(model)
-    for name, value in closed.joints.items():
-        if model.existJointName(name) and model.joints[model.getJointId(name)].nq == 1:
-            configuration[model.joints[model.getJointId(name)].idx_q] = value
     placed = shapes.createData()
-    pin.computeCollisions(model, model.createData(), shapes, placed, configuration, False)
+    pin.computeCollisions(model, model.createData(), shapes, placed, configured(model, closed.joints), False)
     found = {
         (names[pair.first], names[pair.second])
         for pair, result in zip(shapes.collisionPairs, placed.collisionResults, strict=True)
