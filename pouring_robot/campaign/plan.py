@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchCommand
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.quantities import Quantity, read_quantities
@@ -74,7 +72,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
         names = ", ".join(quantity.name for quantity in wanted)
         raise table.fault(f"the value is missing; a plan needs {names} of every pose", row, wanted[column].name)
     commands = robot.drawing.commands(values)
-    for row in np.flatnonzero(~reachable(robot, commands)).tolist():
+    for row in np.flatnonzero(~robot.drawing.in_reach(commands.start)).tolist():
         try:
             robot.location_of(robot.command_at(values[row]))
         except NoSolutionError as error:
@@ -113,7 +111,7 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     for _ in range(50 * count):
         values = random.uniform(lower, upper)
         found = robot.drawing.commands(values[None])
-        if reachable(robot, found).all():
+        if robot.drawing.in_reach(found.start).all():
             drives.append(found.drives[0])
             poses.append(robot.command_at(values))
         if len(poses) == count:
@@ -123,12 +121,6 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     commanded = np.array(drives)
     conditions = approaches(robot.model.definition, commanded) | _random_conditions(robot, count, random)
     return PosePlan(tuple(poses), commanded, tuple(str(i) for i in range(count)), ("1",) * count, conditions)
-
-
-def reachable(robot: Robot, commands: BatchCommand) -> NDArray[np.bool_]:
-    """Return which of n commands have a pose of the drawing within all joint limits, (n,)."""
-    start = commands.start
-    return np.asarray(np.isfinite(start.position).all(axis=1) & robot.drawing.in_reach(start))
 
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:

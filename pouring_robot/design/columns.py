@@ -30,14 +30,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from pouring_robot.campaign.plan import reachable
 from pouring_robot.design.request import PlannedParameter
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.io.temperatures import REFERENCE_DEGC
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -76,7 +75,7 @@ class Columns:
 
     def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
         """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
-        return reachable(self.robot, self.robot.drawing.commands(poses))
+        return self.robot.drawing.in_reach(self.robot.drawing.commands(poses).start)
 
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
@@ -147,12 +146,11 @@ def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     lower, upper = command_box(axes)
     levels = np.linspace(0.0, 1.0, _EDGE_LEVELS)
     edges = _EDGE_LEVELS ** len(axes) <= max(count / 3, _EDGE_LEVELS**4)
-    grid = np.stack(np.meshgrid(*[levels] * len(axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
-    grid = lower + (upper - lower) * (grid if edges else grid[:0])
-    wanted = max(0, count - len(grid))
+    marked = grid(*[levels] * len(axes)) if edges else np.empty((0, len(axes)))
+    wanted = max(0, count - len(marked))
     filled = qmc.Sobol(len(axes), scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
     step = np.array([axis.step for axis in axes])
-    poses = np.concatenate([grid, lower + (upper - lower) * filled])
+    poses = lower + (upper - lower) * np.concatenate([marked, filled])
     whole = np.clip(np.round(poses / step), np.ceil(lower / step - 1e-9), np.floor(upper / step + 1e-9))
     _, first = np.unique(whole, axis=0, return_index=True)
     return np.asarray(whole[np.sort(first)] * step)

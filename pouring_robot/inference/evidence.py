@@ -158,10 +158,7 @@ def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
 
 
 def bayes_factor(
-    columns: FloatArray,
-    projected: FloatArray,
-    main: BoolArray | None = None,
-    unit: float = 1.0,
+    columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> BayesFactor:
     """Return what a group of columns is worth beside everything else.
 
@@ -182,10 +179,7 @@ def bayes_factor(
 
 
 def most_evidence(
-    columns: FloatArray,
-    projected: FloatArray,
-    main: BoolArray | None = None,
-    unit: float = 1.0,
+    columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> float:
     """Return what :func:`bayes_factor` of the same does not exceed: all that the widest scales explain, for nothing."""
     widest = float(np.exp(LOG_SCALES[-1]))
@@ -197,10 +191,7 @@ def most_evidence(
 
 
 def evidences(
-    columns: FloatArray,
-    projected: FloatArray,
-    main: BoolArray | None = None,
-    unit: float = 1.0,
+    columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> FloatArray:
     """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
     _, weights = _grid(len(columns), main, unit)

@@ -50,8 +50,7 @@ class Explanation:
     form: str  # which form; together with the effect it names the explanation
     columns: FloatArray  # shape (m, k): whitened signature of each parameter times the parameter's usual size
     main: BoolArray  # shape (k,): parameters that make the effect; the others only shape it and do not stand alone
-    # whether it may be named. What is no cause is there to be fitted and to explain, such as workmanship that the load
-    # brings to light.
+    # whether it may be named. What is no cause is there to be fitted and to explain, such as joints that the load turns
     cause: bool = True
     # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""

@@ -194,12 +194,8 @@ class Hypothesis:
 
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
-        seen = (
-            *self._beside.of(self.problem.places(item)),
-            item.main,
-            self.problem.shaping_units[item.key],
-        )
-        return seen
+        inner, projected = self._beside.of(self.problem.places(item))
+        return inner, projected, item.main, self.problem.shaping_units[item.key]
 
     @functools.cached_property
     def _known(self) -> dict[Hashable, Any]:

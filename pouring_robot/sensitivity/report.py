@@ -15,19 +15,10 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import png_of, svg_of
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
-from pouring_robot.sensitivity.samples import (
-    AXES,
-    ErrorSamples,
-    box_plots,
-    distributions,
-    median_place,
-    peak,
-    uniform_gap,
-)
+from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
 
 Range = tuple[float, float]
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
@@ -205,6 +196,9 @@ class SensitivityReport(Result):
         Raises:
             OutputError: the folder cannot be written to.
         """
+        from pouring_robot.report.plots import png_of, svg_of
+        from pouring_robot.sensitivity.samples import box_plots, distributions
+
         rows = self._table()
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),

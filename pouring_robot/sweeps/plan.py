@@ -17,7 +17,7 @@ import pinocchio as pin
 import pouring_robot
 from pouring_robot.batch import BatchCommand
 from pouring_robot.exceptions import UnknownFrameError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
@@ -275,7 +275,7 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
             raise config.problem("poses.file: give a column for each drive")
         drives = np.array(list(listed.values()))
         start = drawing.starts(drives)
-        lost = ~(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
+        lost = ~drawing.in_reach(start)
         if lost.any():
             line = list(listed)[int(np.argmax(lost))]
             raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
@@ -286,7 +286,7 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
     for _ in range(_MOST_ROUNDS):
         drawn = generator.uniform(*box, size=(count, box[0].size))
         start = drawing.starts(drawn)
-        found = np.concatenate([found, drawn[np.isfinite(start.position).all(axis=1) & drawing.in_reach(start)]])
+        found = np.concatenate([found, drawn[drawing.in_reach(start)]])
         if len(found) >= count:
             return BatchCommand(found[:count], found[:count], drawing.starts(found[:count]))
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")
@@ -294,14 +294,14 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
 
 def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
     """Return x, y, z in m and the tilt in rad, shape (n, 4)."""
-    grid, random = config.poses.grid, config.poses.random
-    if grid is not None:
-        limits, counts = grid.box.limits(layout.box), (grid.x, grid.y, grid.z, grid.tilt)
+    even, random = config.poses.grid, config.poses.random
+    if even is not None:
+        limits, counts = even.box.limits(layout.box), (even.x, even.y, even.z, even.tilt)
         axes = [
             np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
             for low, high, count in zip(*limits, counts, strict=True)
         ]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+        return grid(*axes)
     if random is not None:
         lower, upper = random.box.limits(layout.box)
         return _generator(random).uniform(lower, upper, size=(random.count, 4))

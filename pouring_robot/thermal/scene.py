@@ -188,10 +188,9 @@ class PouringBench(RobotBench):
         after = wish.values.get(_AFTER, 0.0)
         if after <= 0.0 or not isinstance(robot, PouringRobot):
             return super().located(robot, wish)
-        command = self.command(robot, wish)
-        pose = command if isinstance(command, PlatformPose) else robot.kinematics.forward(
-            dict(zip(robot.nominal_solver.mechanism.loops.drives, command.tolist(), strict=True))
-        )  # fmt: skip
+        pose = self.command(robot, wish)
+        if not isinstance(pose, PlatformPose):
+            pose = robot.kinematics.forward(robot.drawing.mechanism.named_drives(pose))
         if _MELT not in wish.values:
             raise BadInputError("the page gives no temperature of the melt")
         heat = self._heat.with_values(melt_degC=wish.values[_MELT], after_min=after)

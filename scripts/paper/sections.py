@@ -21,7 +21,7 @@ from sklearn.preprocessing import StandardScaler
 
 from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.heat_section import HeatSection
@@ -185,8 +185,8 @@ def strokes(study: SectionsStudy) -> Claim:
     """Judge the strokes of section 2 against the workspace of 4.3."""
     low, high = study.robot.layout.position_lower_m, study.robot.layout.position_upper_m
     middle, half = 0.5 * (low + high), 0.5 * np.array(STROKES_M)
-    grid = np.stack(np.meshgrid(*([np.linspace(-1.0, 1.0, 5)] * 3), indexing="ij"), axis=-1).reshape(-1, 3)
-    places = np.column_stack([middle + grid * half, np.zeros(len(grid))])
+    spread = grid(*[np.linspace(-1.0, 1.0, 5)] * 3)
+    places = np.column_stack([middle + spread * half, np.zeros(len(spread))])
     kinematics = study.robot.kinematics
     reached = float(kinematics.within_limits(kinematics.commands(places).start.joints).mean())
     box = high - low

@@ -7,16 +7,14 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot import diagnose
-from pouring_robot.mechanism.closure.energy import Loads
-from pouring_robot.mechanism.closure.solver import ClosureSolver
 from tests.effects.bench import (
     BASE,
-    CENTRE_OF_MASS,
     SIGMA_M,
     SIGMA_RAD,
     TARE_KG,
     TARGET,
     Bench,
+    carried,
     soft_against_turning,
     stiff_drawing,
 )
@@ -34,12 +32,8 @@ def found(bench, drawing):
     """What is said of a machine whose closures yield to turning, measured with noise."""
     mechanism, rng = soft_against_turning(stiff_drawing(), STIFFNESS), np.random.default_rng(4)
     before, behind = (pin.SE3(pin.exp3(frame[3:]), frame[:3]) for frame in (BASE, TARGET))
-    seen = []
-    for drives, payload in zip(bench.campaign.drives, bench.scene.payload_kg, strict=True):
-        commanded = dict(zip(mechanism.loops.drives, drives.tolist(), strict=True))
-        start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
-        loads = Loads(True, TARE_KG + payload, "moving_platform", tuple(CENTRE_OF_MASS.tolist()))
-        seen.append(before * ClosureSolver(mechanism, loads).solve(commanded, start).pose_base_to_end * behind)
+    rows = zip(bench.campaign.drives, bench.scene.payload_kg, strict=True)
+    seen = [before * carried(mechanism, drawing, drives, TARE_KG + payload) * behind for drives, payload in rows]
     position = np.array([pose.translation for pose in seen]) + SIGMA_M * rng.normal(size=(len(seen), 3))
     turns = [pin.log3(pin.exp3(SIGMA_RAD * rng.normal(size=3)) @ pose.rotation) for pose in seen]
     return diagnose(dataclasses.replace(bench.campaign, position_m=position, rotation_vector_rad=np.array(turns)))

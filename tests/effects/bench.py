@@ -17,6 +17,8 @@ from pouring_robot.effects import conditions
 from pouring_robot.effects.registry import library
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
@@ -58,6 +60,13 @@ def soft_against_turning(mechanism, stiffness):
     """Return a mechanism whose closures yield to turning by a stiffness, in Nm/rad."""
     rotation = mechanism.loops.stiffness.rotation.model_copy(update={"value": stiffness})
     return mechanism.with_stiffness(mechanism.loops.stiffness.model_copy(update={"rotation": rotation}))
+
+
+def carried(mechanism, drawing, drives, payload_kg, drive_stiffness=()):
+    """Return the platform's pose at drive values under a payload in the ladle's centre of mass, by the whole energy."""
+    loads = Loads(True, payload_kg, "moving_platform", tuple(CENTRE_OF_MASS.tolist()), dict(drive_stiffness))
+    start = drawing.kinematics.configuration_at(drives)
+    return ClosureSolver(mechanism, loads).solve(mechanism.named_drives(drives), start).pose_base_to_end
 
 
 def campaign_of(scene, position, rotation):

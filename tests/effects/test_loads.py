@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.mechanism.closure.energy import Loads
-from pouring_robot.mechanism.closure.solver import ClosureSolver
 from tests.effects.bench import (
     CENTRE_OF_MASS,
     CHANNELS,
@@ -17,6 +15,7 @@ from tests.effects.bench import (
     SIGMA_RAD,
     SPAN_M,
     TARE_KG,
+    carried,
     soft_against_turning,
     stiff_drawing,
 )
@@ -69,17 +68,11 @@ def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, s
     The links' own weight, and what the joints give, drop out of the differences.
     """
     row, mass, stiffness = 7, 300.0, 1e9 if drive < 3 else 1e8
-    names, given = stiff_mechanism.loops.drives, bench.rows.conditions
-    commanded = dict(zip(names, bench.campaign.drives[row].tolist(), strict=True))
-    start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
-
-    def platform(payload_kg, drive_stiffness):
-        centre = tuple(CENTRE_OF_MASS.tolist())
-        loads = Loads(True, payload_kg, "moving_platform", centre, drive_stiffness)
-        return ClosureSolver(stiff_mechanism, loads).solve(commanded, start).pose_base_to_end.translation
+    given, soft = bench.rows.conditions, {stiff_mechanism.loops.drives[drive]: stiffness}
+    at = stiff_mechanism, drawing, bench.campaign.drives[row]
 
     def yielded(payload_kg):
-        return platform(payload_kg, {names[drive]: stiffness}) - platform(payload_kg, {})
+        return carried(*at, payload_kg, soft).translation - carried(*at, payload_kg).translation
 
     force = given.drive_force[row, drive] * mass * GRAVITY / given.weight_n[row]
     found = (yielded(mass) - yielded(0.0)) / (force / stiffness)
@@ -184,15 +177,12 @@ def test_moments_on_joints_turn_closures_as_far_as_they_yield(bench, drawing, st
     row, mass, softer = 7, 300.0, 1e-9
     stiff = 1.0 / stiff_mechanism.loops.stiffness.rotation.value
     soft = soft_against_turning(stiff_mechanism, 1.0 / (stiff + softer))
-    names, given = stiff_mechanism.loops.drives, bench.rows.conditions
-    commanded = dict(zip(names, bench.campaign.drives[row].tolist(), strict=True))
-    start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
+    given, at = bench.rows.conditions, (drawing, bench.campaign.drives[row])
 
-    def platform(mechanism, payload_kg):
-        loads = Loads(True, payload_kg, "moving_platform", tuple(CENTRE_OF_MASS.tolist()))
-        return ClosureSolver(mechanism, loads).solve(commanded, start).pose_base_to_end.translation
+    def yielded(payload_kg):
+        return carried(soft, *at, payload_kg).translation - carried(stiff_mechanism, *at, payload_kg).translation
 
-    found = np.subtract(*(platform(soft, m) - platform(stiff_mechanism, m) for m in (mass, 0.0)))
+    found = yielded(mass) - yielded(0.0)
     seats = [name for name in given.joint_moments if name.split(".")[0].endswith("seat_mount")]
     assert len(seats) == 12
     seen = sum(

@@ -297,6 +297,8 @@ def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
     turned, slid = np.ptp(drives, axis=0)
     assert turned > 1.0
     assert slid == 0.0  # nobody knows how far it goes
+    start = definition.drawing().starts(np.vstack([drives[0], [np.nan, 0.0]]))
+    assert definition.drawing().in_reach(start).tolist() == [True, False]  # without limits, and without a pose
 
 
 @pytest.mark.parametrize(

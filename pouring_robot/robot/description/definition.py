@@ -277,7 +277,7 @@ class RobotDefinition:
         shares = qmc.Halton(len(self.drives), scramble=False).random(count + 1)[1:]
         drives = lower + (upper - lower) * shares
         start = drawing.starts(drives)
-        kept = np.flatnonzero(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
+        kept = np.flatnonzero(drawing.in_reach(start))
         return drives[kept], start[kept]
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:

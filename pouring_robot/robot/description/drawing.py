@@ -28,7 +28,7 @@ class Drawing(Protocol):
         """Return the drives of commands (n, k), in m and rad, and the closed poses; NaN where there is none."""
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
-        """Return where all joints of closed poses are within their limits, (n,)."""
+        """Return where there is a closed pose with all joints within their limits, (n,)."""
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed configuration (nq,) of drives (drives,), in m and rad, or raise NoSolutionError."""
@@ -66,7 +66,7 @@ class HomeDrawing:
     def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
         """As :meth:`Drawing.in_reach`."""
         values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
-        within = np.ones(len(start), dtype=bool)
+        within = np.asarray(np.isfinite(start.position).all(axis=1))
         for name, (lower, upper) in limits.items():
             if name in values and name not in self.mechanism.loops.locked_joints:
                 within &= (values[name] >= lower) & (values[name] <= upper)

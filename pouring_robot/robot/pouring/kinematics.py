@@ -108,7 +108,7 @@ class FourUPUKinematics:
         return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=(1, 2)))
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
-        """Return where all joints of closed poses are within their limits, (n,)."""
+        """Return where there is a closed pose with all joints within their limits, (n,)."""
         return self.within_limits(start.joints)
 
     @property
