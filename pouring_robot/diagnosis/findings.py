@@ -67,7 +67,8 @@ class Findings:
     @property
     def spare(self) -> dict[str, float]:
         """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
-        shown = {item.effect for item in self.hypothesis.problem.explanations if item.columns.any()}
+        problem = self.hypothesis.problem
+        shown = {item.effect for item in problem.explanations if problem.shown(item)}
         best = self.hypothesis.best_forms(self.hypothesis.rivals & shown)
         return {effect: worth.evidence for effect, (worth, _) in best.items()}
 

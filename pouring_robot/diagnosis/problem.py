@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, Signatures
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
@@ -57,7 +57,7 @@ class Library:
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:
     """Yield the kinds of workmanship with their columns in all equations."""
     for effect, form in library.workmanship.items():
-        yield Workmanship(effect, rows.columns(form, linear))
+        yield Workmanship(effect, Signatures(rows, form.parameters, linear))
 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
@@ -66,7 +66,7 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
         yield _softness(rows, linear)
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
-        yield Explanation(effect, form.name, rows.columns(form, linear), main, one_of=form.one_of)
+        yield Explanation(effect, form.name, Signatures(rows, form.parameters, linear), main, one_of=form.one_of)
 
 
 def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
@@ -76,5 +76,5 @@ def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
     """
     _, stiffness = rows.conditions.robot.mechanism().loops.stiffness_si
     turned = {name: moment / stiffness for name, moment in rows.conditions.joint_moments.items()}
-    column = rows.column(EffectParameter("softness", "rad/rad", 1.0, turned), linear)
-    return Explanation(SOFTNESS, "soft_joints", column[:, None], np.ones(1, dtype=bool), cause=False)
+    column = Signatures(rows, [EffectParameter("softness", "rad/rad", 1.0, turned)], linear)
+    return Explanation(SOFTNESS, "soft_joints", column, np.ones(1, dtype=bool), cause=False)

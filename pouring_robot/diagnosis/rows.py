@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.effects.base import EffectParameter, Form, channel
+from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import local_changes, stack_of
@@ -96,8 +96,11 @@ class WhitenedRows:
 
     def of(self, rows: NDArray[np.bool_]) -> Self:
         """Return the equations of some rows, by a mask (n,)."""
-        kept = rows[self.row]
-        return replace(self, **{field.name: getattr(self, field.name)[kept] for field in fields(self)})
+        return self.some(rows[self.row])
+
+    def some(self, equations: slice | NDArray[np.bool_]) -> Self:
+        """Return some of the equations."""
+        return replace(self, **{field.name: getattr(self, field.name)[equations] for field in fields(self)})
 
     @property
     def alone(self) -> WhitenedRows:
@@ -273,10 +276,6 @@ class CampaignRows:
         """Names of all local parameters that effects may change in these rows."""
         return channel_names(self.measurement.parameters)
 
-    def columns(self, form: Form, linear: LinearRows) -> FloatArray:
-        """Return the whitened signature of each parameter of a form, times its usual size, shape (m, k)."""
-        return np.column_stack([self.column(p, linear) for p in form.parameters])
-
     def column(self, parameter: EffectParameter, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of one parameter, times its usual size, shape (m,)."""
         total = np.zeros(linear.residual.size)
@@ -293,6 +292,25 @@ class CampaignRows:
     def drive_columns(self, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of every drive, shape (m, D), per m or rad."""
         return np.column_stack([self.channel(channel(drive), linear) for drive in self.conditions.robot.drives])
+
+
+@dataclass(frozen=True, eq=False)
+class Signatures:
+    """Whitened signatures of parameters, times their usual size, (m, k): worked out when they are asked for."""
+
+    rows: CampaignRows
+    parameters: Sequence[EffectParameter]
+    linear: LinearRows
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Equations and parameters, (m, k)."""
+        return len(self.linear.residual), len(self.parameters)
+
+    def __getitem__(self, some: slice | NDArray[np.bool_]) -> FloatArray:
+        """Return those of some equations, (some, k)."""
+        linear = self.linear.some(some)
+        return np.column_stack([self.rows.column(p, linear) for p in self.parameters])
 
 
 def least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import credible
 
@@ -51,7 +51,6 @@ class Thresholds:
 
 
 DEFAULT_THRESHOLDS = Thresholds()
-_RANK = 1e-9
 _MOST_PARTS = 3
 _POWER = 0.8
 
@@ -211,12 +210,11 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     rivals = _rivals(hypothesis, indices)
     total = float(logsumexp([0.0, *rivals.values()]))
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
-    part = np.sum([hypothesis.part(k) for k in indices], axis=0)
-    choices = [e for e in hypothesis.problem.explanations if e.cause and e.effect in hypothesis.rivals]
-    left = {e: Nuisance.of(e.columns[:, e.main], _RANK).cleared(part) for e in choices}
-    same = {e.effect for e, rest in left.items() if rest @ rest < thresholds.hidden}
+    squared, choices = hypothesis.size(*indices), hypothesis.rivals
+    forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
+    same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
     chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
-    size = float(np.sqrt(part @ part / max(len(part), 1)))
+    size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
     return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
 
 

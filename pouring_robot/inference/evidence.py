@@ -18,9 +18,9 @@ and is averaged over both, spread evenly in their logarithm, so that a group pay
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -39,9 +39,26 @@ _SMALL = 100
 _BLOCK = 32
 """Columns that LAPACK reduces at a time."""
 _EQUATIONS = 4096
-"""How many are stacked at a time for their inner products: a copy of all would double what a large campaign holds."""
+"""How many are looked at at a time: all columns of a large campaign would not fit into memory."""
 Places = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
+
+
+class Columns(Protocol):
+    """Columns (m, k): NumPy's array, or what works out those of some equations when they are asked for."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Equations and columns, (m, k)."""
+
+    def __getitem__(self, some: slice | BoolArray, /) -> FloatArray:
+        """Return the columns of some equations, (some, k)."""
+
+
+def blocks(equations: int) -> Iterator[slice]:
+    """Yield the equations that are looked at together."""
+    for first in range(0, equations, _EQUATIONS):
+        yield slice(first, first + _EQUATIONS)
 
 
 class Scale(NamedTuple):
@@ -74,12 +91,11 @@ class Gram:
     log_determinant: float = 0.0  # of the covariance
 
     @classmethod
-    def of(cls, groups: Sequence[FloatArray], residual: FloatArray) -> Gram:
+    def of(cls, groups: Sequence[Columns], residual: FloatArray) -> Gram:
         """Return those of groups of columns, (m, k) each, and residual (m,) beside unit noise alone."""
         count = sum(columns.shape[1] for columns in groups)
         inner, projected = np.zeros((count, count)), np.zeros(count)
-        for first in range(0, len(residual), _EQUATIONS) if groups else ():
-            some = slice(first, first + _EQUATIONS)
+        for some in blocks(len(residual)) if groups else ():
             stacked = np.hstack([columns[some] for columns in groups])
             inner += stacked.T @ stacked
             projected += stacked.T @ residual[some]
@@ -233,6 +249,20 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
         pivots[k] -= squared[k + 1] / pivots[k + 1]
         np.maximum(pivots[k], 1.0, out=pivots[k])  # they are never less, but for rounding
     return np.asarray(0.5 * (variances * beside[0] ** 2 / pivots[0] - np.log(pivots).sum(axis=0)))
+
+
+def explained(columns: FloatArray, projected: FloatArray) -> float:
+    """Return the sum of squares that columns explain of a vector.
+
+    From their inner products with each other, (k, k), and with it, (k,).
+    """
+    sizes = np.sqrt(np.diag(columns))
+    shown = sizes > 0.0
+    sizes = sizes[shown]
+    squared, axes = eigen(columns[np.ix_(shown, shown)] / np.outer(sizes, sizes))
+    kept = squared > _NEGLIGIBLE * squared.max(initial=0.0)
+    seen = axes.T @ (projected[shown] / sizes)
+    return float((seen[kept] ** 2 / squared[kept]).sum())
 
 
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_unit
+from pouring_robot.inference.evidence import BoolArray, Columns, Gram, Places, blocks, shaping_unit
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_FORM = "background"
@@ -26,11 +26,11 @@ class Nuisance:
     axes: FloatArray  # orthonormal, of the span of their columns, shape (m, f)
 
     @classmethod
-    def of(cls, columns: FloatArray, rank: float = _RANK) -> Nuisance:
-        """Return the span of columns (m, k) of any scales; what is longer than ``rank`` of the longest axis counts."""
+    def of(cls, columns: FloatArray) -> Nuisance:
+        """Return the span of columns (m, k) of any scales, without axes that rounding alone makes."""
         size = np.linalg.norm(columns, axis=0)
         axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-        return cls(axes[:, values > rank * values.max(initial=0.0)])
+        return cls(axes[:, values > _RANK * values.max(initial=0.0)])
 
     @property
     def dof(self) -> int:
@@ -41,6 +41,32 @@ class Nuisance:
         """Return vectors (m,) or (m, k) without what the nuisance parameters explain."""
         return np.asarray(values - self.axes @ (self.axes.T @ values))
 
+    def clear(self, columns: Columns) -> Columns:
+        """Return columns (m, k) without it, few equations in memory, of many when they are asked for."""
+        some = list(blocks(len(self.axes)))
+        if len(some) < 2:
+            return self.cleared(columns[:])
+        absorbed = np.zeros((self.dof, columns.shape[1]))
+        for block in some:
+            absorbed += self.axes[block].T @ columns[block]
+        return _Cleared(columns, self, absorbed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cleared:
+    """Columns without what nuisance parameters explain."""
+
+    given: Columns
+    nuisance: Nuisance
+    absorbed: FloatArray  # their inner products with its axes, (f, k)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.given.shape
+
+    def __getitem__(self, some: slice | BoolArray) -> FloatArray:
+        return np.asarray(self.given[some] - self.nuisance.axes[some] @ self.absorbed)
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -48,7 +74,7 @@ class Explanation:
 
     effect: str  # id of the effect; several explanations are forms of the same one
     form: str  # which form; together with the effect it names the explanation
-    columns: FloatArray  # shape (m, k): whitened signature of each parameter times the parameter's usual size
+    columns: Columns  # shape (m, k): whitened signature of each parameter times the parameter's usual size
     main: BoolArray  # shape (k,): parameters that make the effect; the others only shape it and do not stand alone
     # whether it may be named. What is no cause is there to be fitted and to explain, such as joints that the load turns
     cause: bool = True
@@ -66,7 +92,7 @@ class Workmanship:
     """Small errors of one kind that every machine has: fitted beside all explanations, named where none explains."""
 
     effect: str  # id of the effect that the same errors are called when they are all there is
-    columns: FloatArray  # shape (m, k), times the size of a part that nobody has measured
+    columns: Columns  # shape (m, k), times the size of a part that nobody has measured
 
     @property
     def key(self) -> tuple[str, str]:
@@ -91,13 +117,10 @@ class Problem:
         workmanship: Iterable[Workmanship],
         explanations: Iterable[Explanation],
     ) -> Problem:
-        """Return the problem of a residual (m,) beside free unknowns, always fitted and never named, by columns (m, f).
-
-        Explanations are taken one by one: their columns are most of what a diagnosis holds.
-        """
+        """Return the problem of a residual (m,) beside free unknowns, fitted and never named, by columns (m, f)."""
         nuisance = Nuisance.of(free)
-        cleared = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in workmanship)
-        found = tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations)
+        cleared = tuple(replace(b, columns=nuisance.clear(b.columns)) for b in workmanship)
+        found = tuple(replace(e, columns=nuisance.clear(e.columns)) for e in explanations)
         return cls(nuisance.cleared(residual), nuisance, cleared, found)
 
     @functools.cached_property
@@ -135,6 +158,10 @@ class Problem:
     def places(self, item: Explanation | Workmanship) -> Places:
         """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""
         return self._places[item.key]
+
+    def shown(self, item: Explanation) -> bool:
+        """Return whether the equations show an explanation at all."""
+        return bool(self.gram.columns.diagonal()[self.places(item)].any())
 
     @functools.cached_property
     def shaping_units(self) -> dict[tuple[str, str], float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import heapq
+import itertools
 from collections.abc import Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,9 +19,10 @@ from pouring_robot.inference.evidence import (
     Places,
     Scale,
     bayes_factor,
+    explained,
     most_evidence,
 )
-from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
+from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
 WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
@@ -34,7 +36,6 @@ and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
 _WIDE = 40
 """An item of more columns is taken out once for all hypotheses that share it."""
-_RANK = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ class Hypothesis:
 
     def groups(self) -> list[FloatArray]:
         """Return the scaled columns of everything fitted."""
-        return [own.columns * weights for own, (_, weights) in zip(self.fitted, self._groups, strict=True)]
+        return [own.columns[:] * weights for own, (_, weights) in zip(self.fitted, self._groups, strict=True)]
 
     @property
     def fitted(self) -> list[Workmanship | Explanation]:
@@ -110,7 +111,7 @@ class Hypothesis:
     @property
     def columns(self) -> FloatArray:
         """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
-        return np.hstack([np.zeros((len(self.problem.residual), 0)), *(own.columns for own in self.fitted)])
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *(own.columns[:] for own in self.fitted)])
 
     def on(self, problem: Problem) -> Hypothesis:
         """Return the same on another problem of the same explanations."""
@@ -295,11 +296,16 @@ class Hypothesis:
         return self.everything.coefficients()
 
     @functools.cached_property
+    def _values(self) -> list[FloatArray]:
+        """Coefficients of everything fitted, over the usual ones, by group."""
+        means, groups = self.coefficients()[0], self.weights()
+        ends = itertools.pairwise(itertools.accumulate((len(own) for own in groups), initial=0))
+        return [own * means[slice(*end)] for own, end in zip(groups, ends, strict=True)]
+
+    @functools.cached_property
     def _parts(self) -> list[FloatArray]:
         """What each group adds to the prediction, whitened, (m,) each."""
-        columns = self.groups()
-        means = np.split(self.coefficients()[0], np.cumsum([c.shape[1] for c in columns])[:-1]) if columns else []
-        return [own @ mean for own, mean in zip(columns, means, strict=True)]
+        return [own.columns[:] @ values for own, values in zip(self.fitted, self._values, strict=True)]
 
     @property
     def remainder(self) -> FloatArray:
@@ -316,19 +322,30 @@ class Hypothesis:
             return np.zeros(len(self.problem.residual))
         return self._parts[sum(level > 0 for level in self.levels[:index])]
 
-    def size(self, index: int) -> float:
-        """Return the sum of squares of an item's part, in noise variances."""
-        part = self.part(index)
-        return float(part @ part)
+    def _together(self, indices: Iterable[int]) -> tuple[Places, FloatArray]:
+        """Return places and values of the coefficients of some items."""
+        first, indices = len(self._values) - len(self.items), list(indices)
+        places = [self.problem.places(self.items[k]) for k in indices]
+        return np.concatenate(places), np.concatenate([self._values[first + k] for k in indices])
+
+    def size(self, *indices: int) -> float:
+        """Return the sum of squares of the part of an item, or of some together, in noise variances."""
+        places, values = self._together(indices)
+        return float(values @ self.problem.gram.columns[np.ix_(places, places)] @ values)
+
+    def explained_by(self, item: Explanation, indices: Iterable[int]) -> float:
+        """Return how much of :meth:`size` of some items the main parameters of an explanation could make."""
+        (places, values), main, columns = (
+            self._together(indices),
+            self.problem.places(item)[item.main],
+            self.problem.gram.columns,
+        )
+        return explained(columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values)
 
     def main_share(self, index: int) -> float:
         """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares."""
-        item, part = self.items[index], self.part(index)
-        total = float(part @ part)
-        if item.main.all() or not total > 0.0:
-            return 1.0
-        rest = Nuisance.of(item.columns[:, item.main], _RANK).cleared(part)
-        return 1.0 - float(rest @ rest) / total
+        item, total = self.items[index], self.size(index)
+        return 1.0 if item.main.all() or not total > 0.0 else self.explained_by(item, (index,)) / total
 
     def effective_dof(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""

@@ -64,7 +64,7 @@ def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float
     projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
     largest = np.zeros(draws)
     for item in problem.explanations:
-        if item.cause and item.columns.any():
+        if item.cause and problem.shown(item):
             places = problem.places(item)
             found = evidences(
                 inner[places[:, None], places],

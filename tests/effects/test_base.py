@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.rows import SCALE, local_parameters
+from pouring_robot.diagnosis.rows import SCALE, Signatures, local_parameters
 from pouring_robot.effects import Effect, EffectParameter, Form
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import condition_names
@@ -91,7 +91,7 @@ def test_columns_are_derivatives_of_the_exact_closure(robot, effect):
     linear = rows.linearise(rows.unchanged(), frames)
     checked = set()
     for form in effect.forms(rows.conditions):
-        columns = rows.columns(form, linear)
+        columns = Signatures(rows, form.parameters, linear)[:]
         for parameter, column in zip(form.parameters, columns.T, strict=True):
             if id(parameter) in checked:  # forms share parameters
                 continue
@@ -110,7 +110,7 @@ def test_parameters_add_up(bench, rng, effect):
     values = 1e-4 * rng.normal(size=len(form.parameters))
     together = bench.rows.linearise(bench.rows.changes(form.parameters, values), bench.true_frames).residual
     prior_std = np.array([p.prior_std for p in form.parameters])
-    expected = bench.linear.residual - bench.rows.columns(form, bench.linear) @ (values / prior_std)
+    expected = bench.linear.residual - Signatures(bench.rows, form.parameters, bench.linear)[:] @ (values / prior_std)
     assert np.abs(together - expected).max() <= 1e-4 * np.abs(expected).max()
 
 

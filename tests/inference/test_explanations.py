@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pouring_robot.inference import evidence
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Problem, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -30,6 +31,22 @@ def test_free_unknowns_are_taken_out_of_everything(parts):
         np.testing.assert_allclose(unit.T @ values, 0.0, atol=1e-12)
     left = residual - unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]
     np.testing.assert_allclose(built.residual, left, atol=1e-9)
+
+
+def test_many_equations_are_looked_at_a_few_at_a_time(parts, monkeypatch):
+    whole = Problem.build(*parts)
+    monkeypatch.setattr(evidence, "_EQUATIONS", 7)
+    built = Problem.build(*parts)
+    kept = np.arange(ROWS) % 3 == 0
+    for one, other in zip(built.explanations, whole.explanations, strict=True):
+        assert not isinstance(one.columns, np.ndarray)
+        assert one.columns.shape == other.columns.shape
+        np.testing.assert_allclose(one.columns[:], other.columns, atol=1e-12)
+        np.testing.assert_allclose(one.columns[kept], other.columns[kept], atol=1e-12)
+    np.testing.assert_allclose(built.gram.columns, whole.gram.columns, atol=1e-11)
+    found, expected = search(built), search(whole)
+    assert [item.key for item in found.items] == [item.key for item in expected.items]
+    np.testing.assert_allclose(found.remainder, expected.remainder, atol=1e-9)
 
 
 def test_what_free_unknowns_do_cannot_be_seen(parts, rng):

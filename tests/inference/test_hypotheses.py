@@ -1,5 +1,6 @@
 """Hypotheses: their evidence against densities, their parts against the conditional mean of a Gaussian."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -77,6 +78,7 @@ def test_parts_are_the_conditional_mean(small):
         own = small.scales[index].main ** 2 * item.columns @ item.columns.T
         np.testing.assert_allclose(small.part(index), own @ pull, atol=1e-12)
         assert small.size(index) == pytest.approx(((own @ pull) ** 2).sum())
+    assert small.size(0, 1) == pytest.approx(((small.part(0) + small.part(1)) ** 2).sum())
     usual = WORKMANSHIP_LEVELS[5] * small.problem.workmanship[0].columns
     np.testing.assert_allclose(small.workmanship_part(0), usual @ usual.T @ pull, atol=1e-12)
 
@@ -114,6 +116,17 @@ def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):
         residual = rng.normal(size=40) + 1.5 * item.columns @ rng.normal(size=3)
         found.append(Hypothesis(problem(residual, [item]), (item,), (Scale(1.5),), ()).everything.squared)
     assert np.mean(found) == pytest.approx(40.0, abs=4.0 * np.sqrt(2.0 * 40.0 / 200.0))
+
+
+def test_what_other_columns_could_make_is_least_squares(small, rng):
+    """Of columns of any length, one of them nothing and two of them the same."""
+    columns = rng.normal(size=(12, 3)) @ np.diag([1e-5, 1.0, 1e5])
+    columns = np.hstack([columns, columns[:, :1], np.zeros((12, 1))])
+    other = Explanation("other", "plain", columns, np.array([True, True, False, True, True]))
+    part = small.part(0) + small.part(1)
+    left = part - columns[:, :2] @ np.linalg.lstsq(columns[:, :2], part, rcond=None)[0]
+    seen = replace(small, problem=small.problem.and_also([other]))
+    assert seen.explained_by(other, (0, 1)) == pytest.approx(part @ part - left @ left, rel=1e-9)
 
 
 def test_main_share_tells_an_effect_from_its_shape(rng):

@@ -194,11 +194,11 @@ class Prospect:
         """
         held = {item.key: item.columns for item in before}
         for item in items:
-            columns = self._nuisance.cleared(item.columns)
+            columns = self._nuisance.cleared(item.columns[:])
             self._new_columns[item.key] = columns[self._new]
             old = given.nuisance.cleared(columns[self._old])
             known = held.get(item.key, old)
-            yield replace(item, columns=known if _alike(known, old) else old)
+            yield replace(item, columns=known if _alike(known[:], old) else old)
 
     @cached_property
     def _described(self) -> dict[str, tuple[Part, ...]]:
