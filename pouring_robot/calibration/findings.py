@@ -15,13 +15,11 @@ from pouring_robot.estimation.identifiability import BaseParameters, combination
 from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import Z95, FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup
 
-Z95 = 1.959963984540054
-"""Half the 95 % interval of a normal deviate."""
 LEARNT = 0.5
 """A parameter is measured when the data took at least this share of its prior variance away."""
 SEEN = 0.01

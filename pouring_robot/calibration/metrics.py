@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import Z95, FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _FEWEST_REPEATS = 3
@@ -116,12 +116,11 @@ class LadleUncertainty:
     position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
     tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
     std_m: FloatArray  # of x, y and z in tracker axes, shape (n, 3), in m
-    std_rad: FloatArray  # of the rotation, shape (n, 3), in rad
 
     @property
     def half_width_m(self) -> FloatArray:
         """Half the 95 % interval of the worst coordinate of each pose, shape (n,), in m."""
-        return np.asarray(1.96 * self.std_m.max(axis=1))
+        return np.asarray(Z95 * self.std_m.max(axis=1))
 
 
 def workspace_rows(model: MeasurementModel) -> ModelledRows:
@@ -148,8 +147,5 @@ def ladle_uncertainty(
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
     turn = rows.start.rotation[closed]
     tilt = np.arctan2(turn[:, 0, 2], turn[:, 2, 2]) if np.allclose(turn[:, 1, 1], 1.0) else None
-    return LadleUncertainty(rows.start.position[closed], tilt, _std(lip, covariance), _std(turning, covariance))
-
-
-def _std(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.maximum(((jacobian @ covariance) * jacobian).sum(axis=2), 0.0)))
+    std = np.sqrt(np.maximum(((lip @ covariance) * lip).sum(axis=2), 0.0))
+    return LadleUncertainty(rows.start.position[closed], tilt, std)

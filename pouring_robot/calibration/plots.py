@@ -4,6 +4,7 @@ import numpy as np
 
 from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, svg_of, tell
 
@@ -60,8 +61,8 @@ def _parameters(calibration: CalibrationFindings) -> str:
     place = np.arange(len(order))
     prior = np.array([line.prior_std for line in order])
     value, std = np.array([line.value for line in order]) / prior, np.array([line.std for line in order]) / prior
-    axes.barh(place, 2 * np.full(len(order), 1.96), left=-1.96, color=GREY, alpha=0.2, label="95 % by tolerance")
-    axes.errorbar(value, place, xerr=1.96 * std, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
+    axes.barh(place, 2 * np.full(len(order), Z95), left=-Z95, color=GREY, alpha=0.2, label="95 % by tolerance")
+    axes.errorbar(value, place, xerr=Z95 * std, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
     axes.set_yticks(place, [f"{line.name}  {line.value:+.3f} {line.unit}" for line in order], fontsize=7)
     axes.set_ylim(len(order) - 0.5, -0.5)
     axes.axvline(0.0, color="black", linewidth=0.6)

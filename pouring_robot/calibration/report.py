@@ -19,6 +19,7 @@ from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 from pouring_robot.robot.description.urdf import urdf_files
@@ -74,7 +75,7 @@ def effect_table(calibration: CalibrationFindings) -> Table:
 
 
 def _movement(line: Movement) -> Row:
-    return f"{line.value:+.4f}", f"{1.96 * line.std:.4f}", line.unit, f"{line.prior_std:.3g}"
+    return f"{line.value:+.4f}", f"{Z95 * line.std:.4f}", line.unit, f"{line.prior_std:.3g}"
 
 
 _MOVEMENT = ("off by", "± 95 %", "unit", "tolerance (1σ)")

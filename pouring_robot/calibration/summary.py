@@ -10,7 +10,6 @@ import scipy.special
 
 from pouring_robot.calibration.findings import (
     LEARNT,
-    Z95,
     CalibrationFindings,
     Movement,
     combination_lines,
@@ -21,6 +20,7 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
+from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.location_figures import without_nan
 

@@ -119,12 +119,12 @@ class Diagnoser:
             vars(self)["thresholds"] = self._thresholds_in(problem)
         thresholds = self.thresholds
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
-        for turn in range(_ROUNDS):
+        for _ in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             state, moved = self._advanced(state, hypothesis)
             problem = self.problem_at(state)
-            again = search(problem, thresholds, None if turn < 1 and not start else hypothesis.on(problem))
+            again = search(problem, thresholds, hypothesis.on(problem))
             same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
             hypothesis = again
             if same and moved < _SETTLED:

@@ -41,7 +41,7 @@ class SearchOptions:
 DEFAULT_SEARCH = SearchOptions()
 CHANCE_DRAWS, CHANCE_SEED = 1000, 0
 _BRANCH_BEHIND = 30.0
-_CATCHES_UP = 200.0
+_CATCHES_UP = 100.0
 """How far behind another explanation may be at first sight, in nats."""
 _WORTH_TRYING = 0.6
 """Share of the best first sight that another branch must promise."""

@@ -1,4 +1,4 @@
-"""Arrays that are handed out and must not change under their reader's hands, grids, even choices of rows, their RMS."""
+"""Arrays that must not change under their reader's hands, grids, even choices of rows, their RMS, normal deviates."""
 
 from typing import Any, TypeVar
 
@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", bound=np.generic)
+
+Z95 = 1.959963984540054
+"""Half the 95 % interval of a normal deviate."""
 
 
 def evenly(count: int, most: int) -> NDArray[np.intp]:

@@ -23,6 +23,8 @@ from unittest.mock import patch
 
 import numpy as np
 
+from pouring_robot.diagnosis import state
+from pouring_robot.diagnosis.problem import known_effects
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
 from pouring_robot.inference.processes import Process
@@ -42,6 +44,11 @@ def _put(owner: object, name: str, value: object) -> None:
 def _no_workmanship() -> None:
     build = explanations.Problem.build
     _put(explanations.Problem, "build", lambda residual, free, _, items: build(residual, free, (), items))
+
+
+def _no_softness() -> None:
+    every = known_effects
+    _put(state, "known_effects", lambda *given: (item for item in every(*given) if item.cause))
 
 
 def _no_chance() -> None:
@@ -90,6 +97,16 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "least size of structure": lambda: _put(diagnosing, "Thresholds", partial(decision.Thresholds, structure_size=0.0)),
     "a likely grade of workmanship": lambda: _put(hypotheses, "_LEVEL_SPREAD", 1e6),
+    "one constant has one value": lambda: _put(
+        hypotheses.Hypothesis,
+        "choices",
+        property(lambda self: [e for e in self.problem.explanations if e.key not in self.keys | self.barred]),
+    ),
+    "soft joints": _no_softness,
+    "the search goes on from what was found": lambda: _put(
+        state, "search", lambda problem, options, *_: search.search(problem, options)
+    ),
+    "what is far behind at first is not tried": lambda: _put(search, "_CATCHES_UP", np.inf),
 }
 
 

@@ -34,10 +34,11 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     """
     folder = check_folder(folder)
     files: dict[Path, bytes | str] = {}
-    with beside(lambda: _drawn(diagnosis, folder)) as drawn:
+    with beside(lambda: _plots(diagnosis)) as drawn:
         files[folder / MODEL] = described(diagnosis).file_text(folder)
         metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
-        ladles, pictures = drawn()
+        ladles = _ladles(diagnosis, folder)
+        pictures = drawn()
     if ladles:
         files[folder / LADLES] = ladles
     if diagnosis.suggestion.measurements:
@@ -54,23 +55,27 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     return write_together(files)
 
 
-def _drawn(diagnosis: Conclusions, folder: Path) -> tuple[str, list[tuple[str, str]]]:
-    """Return the page of the ladles, "" where there is none, and the report's pictures.
+def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
+    """Return the report's pictures; what draws them takes long to load, and only the copy that does it needs it."""
+    from pouring_robot.diagnosis.report.plots import plots
+
+    return plots(diagnosis)
+
+
+def _ladles(diagnosis: Conclusions, folder: Path) -> str:
+    """Return the page of the ladles, "" where there is none.
 
     Raises:
         OutputError: a visual of the robot cannot be drawn.
     """
-    # What draws takes half a second to load: the process that goes on meanwhile does not need it.
-    from pouring_robot.diagnosis.report.plots import plots
     from pouring_robot.diagnosis.report.scene import ladle_scene
     from pouring_robot.viewer.page import page
 
     try:
         scene = ladle_scene(diagnosis)
-        ladles = page(scene) if scene is not None else ""
+        return page(scene) if scene is not None else ""
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
-    return ladles, plots(diagnosis)
 
 
 def described(diagnosis: Conclusions) -> RobotModel:

@@ -15,6 +15,7 @@ from pouring_robot.diagnosis.report.sentences import (
     value_and_half_width,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
@@ -79,7 +80,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
             ", ".join(
                 word
                 for word, holds in (
-                    ("clear", found.std > 0.0 and abs(found.value) > 1.96 * found.std),
+                    ("clear", found.std > 0.0 and abs(found.value) > Z95 * found.std),
                     ("only shapes it", not found.parameter.main),
                 )
                 if holds

@@ -17,6 +17,7 @@ from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
@@ -154,7 +155,7 @@ def parameter_text(name: str, found: FoundParameter) -> str:
 
 def value_and_half_width(found: FoundParameter) -> tuple[str, str]:
     """Return a parameter's value and its 95 % half width, two digits of the latter."""
-    half = 1.96 * found.std
+    half = Z95 * found.std
     digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
     digits = min(max(digits, 0), 6)
     return f"{found.value:+.{digits}f}", f"{half:.{digits}f}"
