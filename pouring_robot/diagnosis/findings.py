@@ -45,7 +45,8 @@ class Findings:
     untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks
     train: Gap  # gap of the fitted rows
     held_out: Gap | None  # gap of the held-out rows; None where there are none
-    in_turn: InTurn | None  # gap of every block held out in turn, where the rows held out are few; else None
+    # gap of every block held out in turn, where causes are named and the rows held out are few; else None
+    in_turn: InTurn | None
     notes: tuple[str, ...]  # what limits the answer, one line each
     next_count: int  # how many measurements to suggest
 
