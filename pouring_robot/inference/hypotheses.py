@@ -98,10 +98,6 @@ class Hypothesis:
         """Return the standard deviations of the coefficients of everything fitted, over the usual ones, by group."""
         return [weights for _, weights in self._groups]
 
-    def groups(self) -> list[FloatArray]:
-        """Return the scaled columns of everything fitted."""
-        return [own.columns[:] * weights for own, (_, weights) in zip(self.fitted, self._groups, strict=True)]
-
     @property
     def fitted(self) -> list[Workmanship | Explanation]:
         """Everything fitted, by group: kinds of workmanship, then items."""
@@ -292,7 +288,7 @@ class Hypothesis:
         return current
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and covariance of the coefficients of :meth:`groups`, in prior standard deviations."""
+        """Return mean and covariance of the coefficients of everything fitted, in prior standard deviations."""
         return self.everything.coefficients()
 
     @functools.cached_property
@@ -335,11 +331,8 @@ class Hypothesis:
 
     def explained_by(self, item: Explanation, indices: Iterable[int]) -> float:
         """Return how much of :meth:`size` of some items the main parameters of an explanation could make."""
-        (places, values), main, columns = (
-            self._together(indices),
-            self.problem.places(item)[item.main],
-            self.problem.gram.columns,
-        )
+        places, values = self._together(indices)
+        main, columns = self.problem.places(item)[item.main], self.problem.gram.columns
         return explained(columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values)
 
     def main_share(self, index: int) -> float:

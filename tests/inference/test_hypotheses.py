@@ -24,8 +24,13 @@ def small(rng):
     return Hypothesis(built, built.explanations, (Scale(1.5), Scale(0.7)), (5,))
 
 
+def scaled(hypothesis):
+    """Return the columns of everything fitted times the standard deviations of their coefficients, by group."""
+    return [own.columns * weights for own, weights in zip(hypothesis.fitted, hypothesis.weights(), strict=True)]
+
+
 def covariance(hypothesis):
-    columns = np.hstack(hypothesis.groups())
+    columns = np.hstack(scaled(hypothesis))
     return np.eye(len(columns)) + columns @ columns.T
 
 
@@ -92,7 +97,7 @@ def test_parts_and_what_is_left_make_the_residual(small):
 
 def test_coefficients_make_the_parts(small):
     mean, spread = small.coefficients()
-    groups = small.groups()
+    groups = scaled(small)
     assert [g.shape[1] for g in groups] == [3, 2, 1]
     np.testing.assert_allclose(groups[0] @ mean[:3], small.workmanship_part(0), atol=1e-12)
     np.testing.assert_allclose(groups[1] @ mean[3:5], small.part(0), atol=1e-12)
