@@ -66,6 +66,13 @@ class Findings:
         return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
 
     @property
+    def mostly_workmanship(self) -> bool:
+        """Whether workmanship that is named nowhere makes more of the gap than any named cause does."""
+        causes = self.judgement.causes
+        squared = self.hypothesis.workmanship_size / len(self.hypothesis.problem.residual)
+        return all(cause.indices and cause.size**2 < squared for cause in causes) and self.verdict in {"named", "group"}
+
+    @property
     def spare(self) -> dict[str, float]:
         """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
         problem = self.hypothesis.problem

@@ -324,6 +324,13 @@ class Hypothesis:
         places = [self.problem.places(self.items[k]) for k in indices]
         return np.concatenate(places), np.concatenate([self._values[first + k] for k in indices])
 
+    @property
+    def workmanship_size(self) -> float:
+        """Sum of squares of what all kinds of workmanship add to the prediction together, in noise variances."""
+        parts = self._parts[: len(self._parts) - len(self.items)]
+        together = sum(parts, np.zeros(len(self.problem.residual)))
+        return float(together @ together)
+
     def size(self, *indices: int) -> float:
         """Return the sum of squares of the part of an item, or of some together, in noise variances."""
         places, values = self._together(indices)

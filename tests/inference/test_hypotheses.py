@@ -86,6 +86,7 @@ def test_parts_are_the_conditional_mean(small):
     assert small.size(0, 1) == pytest.approx(((small.part(0) + small.part(1)) ** 2).sum())
     usual = WORKMANSHIP_LEVELS[5] * small.problem.workmanship[0].columns
     np.testing.assert_allclose(small.workmanship_part(0), usual @ usual.T @ pull, atol=1e-12)
+    assert small.workmanship_size == pytest.approx(((usual @ usual.T @ pull) ** 2).sum())
 
 
 def test_parts_and_what_is_left_make_the_residual(small):

@@ -44,7 +44,10 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
     if diagnosis.model.robot is not None:
         lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
-    lines += [*_workmanship_lines(diagnosis), *_minor_lines(diagnosis)]
+    workmanship = workmanship_text(diagnosis)
+    if workmanship and not diagnosis.mostly_workmanship:
+        lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
+    lines += _minor_lines(diagnosis)
     stays = diagnosis.amended.conditional
     if stays:
         lines.append(
@@ -59,18 +62,19 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     return lines
 
 
-def _workmanship_lines(diagnosis: Conclusions) -> list[str]:
-    """Return how large the workmanship is that was found beside the causes."""
-    named, sizes = {found.cause.effect for found in diagnosis.effects}, dict[str, float]()
+def workmanship_text(diagnosis: Conclusions) -> str:
+    """Return by how much joints are off that no cause names, in words; "" where they are not, or nothing is named."""
+    named = {found.cause.effect for found in diagnosis.effects if not found.cause.indices}
+    sizes = dict[str, float]()
     levels = zip(diagnosis.diagnoser.library.workmanship.items(), diagnosis.hypothesis.levels, strict=True)
     for (effect, form), level in levels:
         if level and effect not in named:
             for p in form.parameters:
                 sizes[p.unit] = max(sizes.get(p.unit, 0.0), WORKMANSHIP_LEVELS[level] * p.prior_std)
     if not (sizes and diagnosis.firm):
-        return []
+        return ""
     said = " and ".join(f"{size:.2g} {unit}" for unit, size in sizes.items())
-    return [f"beside it all joints are off as workmanship leaves them, by about {said} (standard deviation)"]
+    return f"by about {said} (standard deviation)"
 
 
 def _minor_lines(diagnosis: Conclusions) -> list[str]:

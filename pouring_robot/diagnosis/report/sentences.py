@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.processes import CHANCE
-from pouring_robot.diagnosis.report.notes import note_lines
+from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
@@ -52,9 +52,13 @@ def headline(diagnosis: Conclusions) -> str:
         moved = diagnosis.rows.conditions.causes.words.moved
         return f"UNKNOWN: something moves the {moved} that no effect of the library explains.{besides}"
     names = _names(diagnosis.firm)
+    # Who reads one sentence must not take the causes for the gap where joints make more of it.
+    mostly = ""
+    if diagnosis.mostly_workmanship:
+        mostly = f" Workmanship makes more of the gap: all joints are off {workmanship_text(diagnosis)}."
     if verdict == "group":
-        return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more."
-    return f"NAMED: the model lacks {names}."
+        return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more.{mostly}"
+    return f"NAMED: the model lacks {names}.{mostly}"
 
 
 def _names(effects: Sequence[NamedEffect]) -> str:
