@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.calibration.findings import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
@@ -33,7 +32,7 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import Z95, FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring_robot import PouringRobot
