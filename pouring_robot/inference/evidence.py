@@ -252,7 +252,7 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
 
 
 def explained(columns: FloatArray, projected: FloatArray) -> float:
-    """Return the sum of squares that columns explain of a vector.
+    """Return the sum of squares that columns explain of a vector, but not where they cancel but for rounding.
 
     From their inner products with each other, (k, k), and with it, (k,).
     """

@@ -16,6 +16,7 @@ from pouring_robot.inference.evidence import (
     Scale,
     bayes_factor,
     eigen,
+    explained,
     largest_scale,
     most_evidence,
     shaping_unit,
@@ -308,3 +309,12 @@ def test_the_bound_is_what_the_widest_scales_explain(place, scale):
     inner[place, place], projected[place] = 0.01, 3.0
     found = most_evidence(inner, projected, np.array([True, False]), unit=2.0)
     assert found == pytest.approx(0.5 * 9.0 * scale**2 / (1.0 + 0.01 * scale**2), rel=1e-12)
+
+
+def test_columns_explain_nothing_by_what_is_left_where_they_cancel(rng):
+    """Their difference is a third column, ten million times smaller: it would have to be as many times as large."""
+    one, other = rng.normal(size=(2, 40))
+    columns = np.column_stack([one, one + 1e-7 * other])
+    found = explained(columns.T @ columns, columns.T @ other)
+    assert found == pytest.approx((one @ other) ** 2 / (one @ one), rel=1e-5)
+    assert found < 0.5 * other @ other
