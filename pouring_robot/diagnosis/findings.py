@@ -68,9 +68,9 @@ class Findings:
     @property
     def mostly_workmanship(self) -> bool:
         """Whether workmanship that is named nowhere makes more of the gap than any named cause does."""
-        causes = self.judgement.causes
         squared = self.hypothesis.workmanship_size / len(self.hypothesis.problem.residual)
-        return all(cause.indices and cause.size**2 < squared for cause in causes) and self.verdict in {"named", "group"}
+        smaller = (cause.indices and cause.size**2 < squared for cause in self.judgement.causes)
+        return self.judgement.names and all(smaller)
 
     @property
     def spare(self) -> dict[str, float]:

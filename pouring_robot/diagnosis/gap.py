@@ -154,8 +154,7 @@ def few(seen: WhitenedRows, fitted: Mask) -> bool:
 def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[FloatArray, frozenset[str]]:
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
     found = search(problem.of(~block), diagnoser.thresholds)
-    values = np.concatenate([np.zeros(0), *found.weights()]) * found.coefficients()[0]
-    left = problem.residual - found.on(problem).columns @ values
+    left = problem.residual - found.on(problem).columns @ np.concatenate([np.zeros(0), *found.values])
     return left, frozenset(item.effect for item in found.items if item.cause)
 
 

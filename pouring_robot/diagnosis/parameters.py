@@ -60,9 +60,8 @@ class NamedEffect:
 def found_parameters(hypothesis: Hypothesis, forms: FormsByKey) -> FoundByKey:
     """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
     mean, covariance = hypothesis.coefficients()
-    std, first, found = np.sqrt(np.diag(covariance)), 0, []
-    for group, weights in zip(hypothesis.fitted, hypothesis.weights(), strict=True):
-        own = slice(first, first := first + len(weights))
+    std, found = np.sqrt(np.diag(covariance)), []
+    for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
         if group.key in forms:
             parameters = forms[group.key].parameters
             units = weights * np.array([p.prior_std for p in parameters])

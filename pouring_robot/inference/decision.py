@@ -86,6 +86,11 @@ class Judgement:
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
 
     @property
+    def names(self) -> bool:
+        """Whether causes are named, alone or as groups."""
+        return self.verdict in {"named", "group"}
+
+    @property
     def clear_structures(self) -> tuple[Structure, ...]:
         """Structures that count, most evident first."""
         limits = self.thresholds

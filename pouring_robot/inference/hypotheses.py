@@ -291,17 +291,22 @@ class Hypothesis:
         """Return mean and covariance of the coefficients of everything fitted, in prior standard deviations."""
         return self.everything.coefficients()
 
+    @property
+    def spans(self) -> list[slice]:
+        """Where the coefficients of each group stand among those of everything fitted."""
+        ends = itertools.accumulate((len(own) for own in self.weights()), initial=0)
+        return [slice(*pair) for pair in itertools.pairwise(ends)]
+
     @functools.cached_property
-    def _values(self) -> list[FloatArray]:
+    def values(self) -> list[FloatArray]:
         """Coefficients of everything fitted, over the usual ones, by group."""
-        means, groups = self.coefficients()[0], self.weights()
-        ends = itertools.pairwise(itertools.accumulate((len(own) for own in groups), initial=0))
-        return [own * means[slice(*end)] for own, end in zip(groups, ends, strict=True)]
+        means = self.coefficients()[0]
+        return [own * means[span] for own, span in zip(self.weights(), self.spans, strict=True)]
 
     @functools.cached_property
     def _parts(self) -> list[FloatArray]:
         """What each group adds to the prediction, whitened, (m,) each."""
-        return [own.columns[:] @ values for own, values in zip(self.fitted, self._values, strict=True)]
+        return [own.columns[:] @ values for own, values in zip(self.fitted, self.values, strict=True)]
 
     @property
     def remainder(self) -> FloatArray:
@@ -320,9 +325,9 @@ class Hypothesis:
 
     def _together(self, indices: Iterable[int]) -> tuple[Places, FloatArray]:
         """Return places and values of the coefficients of some items."""
-        first, indices = len(self._values) - len(self.items), list(indices)
+        first, indices = len(self.values) - len(self.items), list(indices)
         places = [self.problem.places(self.items[k]) for k in indices]
-        return np.concatenate(places), np.concatenate([self._values[first + k] for k in indices])
+        return np.concatenate(places), np.concatenate([self.values[first + k] for k in indices])
 
     @property
     def workmanship_size(self) -> float:

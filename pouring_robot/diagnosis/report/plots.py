@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -215,10 +214,10 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
 def _covariance(diagnosis: Conclusions, effect: NamedEffect, parameters: list[EffectParameter]) -> FloatArray:
     """Return that of an effect's parameters, in their units, (p, p)."""
     hypothesis = diagnosis.hypothesis
-    weights = hypothesis.weights()
-    places = list(pairwise(accumulate((len(own) for own in weights), initial=0)))
+    weights, spans = hypothesis.weights(), hypothesis.spans
     first = len(weights) - len(hypothesis.items)  # workmanship stands before items
-    own = np.concatenate([np.arange(*places[first + k]) for k in effect.cause.indices])
+    places = np.arange(spans[-1].stop)
+    own = np.concatenate([places[spans[first + k]] for k in effect.cause.indices])
     units = np.concatenate(weights)[own] * np.array([p.prior_std for p in parameters])
     covariance = hypothesis.coefficients()[1]
     return np.asarray(units[:, None] * covariance[own[:, None], own] * units)
