@@ -45,7 +45,7 @@ class Table:
     rows: Sequence[Row]
     folded: str = ""
 
-    @property
+    @functools.cached_property
     def left(self) -> set[int]:
         """Columns that are set to the left with their headings: those in which something is no figure."""
         columns = zip(*self.rows, strict=True)

@@ -29,7 +29,7 @@ from pouring_robot.viewer.scene import (
     at_step,
     legend,
 )
-from pouring_robot.viewer.shapes import Shape, camera_on, colours_at, robot_solids, shape_of, view_height
+from pouring_robot.viewer.shapes import Shape, camera_around, camera_on, colours_at, outline, robot_solids, shape_of, view_height
 
 Content = dict[str, Any]
 
@@ -186,8 +186,8 @@ def _shape(shape: Shape) -> Content:
 
 def _cameras(scene: Scene, overview: Camera) -> dict[str, Camera]:
     """Return the places to look from: all, from three sides, and closer to the tip where there is one arrow."""
-    bare = dataclasses.replace(scene, camera=None)
-    found = {"all": overview} | {name: camera_on(bare, direction) for name, direction in _DIRECTIONS.items()}
+    points = outline(scene)
+    found = {"all": overview} | {name: camera_around(points, direction) for name, direction in _DIRECTIONS.items()}
     single = [item for item in scene.arrows if item.starts_m.shape[1] == 1]
     if single:
         place = at_step(single[0].starts_m, scene.first)[0]

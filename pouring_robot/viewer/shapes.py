@@ -173,11 +173,20 @@ def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_vi
 
     It stands in a direction (any length) of the world from the mechanism; the scene's own camera plays no part.
     """
+    return camera_around(outline(scene), direction, vertical_view_deg)
+
+
+def outline(scene: Scene) -> Vector:
+    """Return what a camera is to see of a scene, in several of its steps, as points in the world, shape (k, 3), m."""
     steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
     chosen = [body for body in bodies if body.link not in scene.background_links] or bodies
     ends = [end for item in scene.arrows for step in steps for end in arrow_ends(scene, item, step)]
-    points = np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
+    return np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
+
+
+def camera_around(points: Vector, direction: Sequence[float], vertical_view_deg: float = 30.0) -> Camera:
+    """Return a camera in a direction (any length) of the world that shows points (k, 3) as large as will fit."""
     if not len(points):
         return Camera(3.0 * np.asarray(direction), np.zeros(3), vertical_view_deg)
     target = (points.min(axis=0) + points.max(axis=0)) / 2.0
