@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
-from pouring_robot.exceptions import UnknownFrameError
+from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
@@ -26,7 +26,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
-from pouring_robot.robot.pose_table import read_command_lines, read_poses
+from pouring_robot.robot.pose_table import read_command_lines, read_pose_lines
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
@@ -110,6 +110,18 @@ class SweepPlan:
         return self.model.definition.command_columns[-1].name == "tilt"
 
     @property
+    def off(self) -> str:
+        """What displacements are, in words: a model's robot moves from where it stands without the sweep's errors."""
+        return "off" if self.config.model is None else f"off its place in {Path(self.config.model).name}"
+
+    @functools.cached_property
+    def own_error_m(self) -> float:
+        """How far the robot without the sweep's errors is from where it is commanded, at its first frame, at most."""
+        start, none = self.poses.start, np.zeros((1, len(self.parameters)))
+        moved = self._displacement(self.platforms(none, self.poses), start.position, start.rotation)
+        return float(np.nanmax(np.linalg.norm(moved[0, :, 0], axis=-1)))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of the columns."""
         return tuple(p.name for p in self.parameters)
@@ -173,8 +185,10 @@ class SweepPlan:
 
     def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
         """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses."""
-        to_joints = self.error_map
-        return self.evaluator.platforms(poses, to_joints.placement_errors(values), to_joints.drive_errors(values))
+        to_joints, offsets = self.error_map, self.model.drive_offset_values()
+        own = [offsets.get(drive, 0.0) for drive in self.mechanism.loops.drives]
+        drives = to_joints.drive_errors(values) + own
+        return self.evaluator.platforms(poses, to_joints.placement_errors(values), drives)
 
     @functools.cached_property
     def error_map(self) -> ErrorMap:
@@ -193,10 +207,12 @@ class SweepPlan:
         """Everything the numbers depend on, and how they are laid out; texts of files as SHA-256."""
         told_otherwise = {"description", "allocation", "accuracy_mm", "model", "robot"}
         config = self.config.model_dump(mode="json", exclude=told_otherwise)
+        offsets = self.model.drive_offset_values()
         return {
             "config": config,
             "parameters": list(self.names),
             "urdf": _digest(self.mechanism.urdf.encode()),
+            **({"drive_offsets": offsets} if offsets else {}),
             "loops": _digest(self.mechanism.loops.model_dump_json().encode()),
             "poses": _digest(self.poses.poses.tobytes()),
             "version": pouring_robot.__version__,
@@ -252,14 +268,21 @@ def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing
 
     Raises:
         TableError: the file of poses is wrong.
-        UnreachablePoseError: a joint would pass its limits at one of the poses.
+        UnreachablePoseError: a joint would pass its limits at one of the poses; PathPoseError: of a file's poses.
     """
     if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
-        commands = drawing.commands(_wanted(config, load_layout(robot.layout, robot.layouts_file)))
+        wanted, lines = _wanted(config, load_layout(robot.layout, robot.layouts_file))
+        commands = drawing.commands(wanted)
         beyond = ~drawing.within_limits(commands.start.joints)
         if beyond.any():
-            x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
-            drawing.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
+            first = int(np.argmax(beyond))
+            x, y, z, tilt = (float(value) for value in commands.poses[first])
+            try:
+                drawing.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
+            except NoSolutionError as error:
+                if not lines:
+                    raise
+                raise PathPoseError(config.beside(str(config.poses.file)), lines[first], error) from error
         return commands
     return _driven(config, robot, drawing)
 
@@ -292,8 +315,8 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")
 
 
-def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
-    """Return x, y, z in m and the tilt in rad, shape (n, 4)."""
+def _wanted(config: SweepConfig, layout: Layout) -> tuple[FloatArray, list[int]]:
+    """Return x, y, z in m and the tilt in rad, shape (n, 4), and on which lines of a file they stand, if on any."""
     even, random = config.poses.grid, config.poses.random
     if even is not None:
         limits, counts = even.box.limits(layout.box), (even.x, even.y, even.z, even.tilt)
@@ -301,12 +324,12 @@ def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
             np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
             for low, high, count in zip(*limits, counts, strict=True)
         ]
-        return grid(*axes)
+        return grid(*axes), []
     if random is not None:
         lower, upper = random.box.limits(layout.box)
-        return _generator(random).uniform(lower, upper, size=(random.count, 4))
-    listed = read_poses(config.beside(str(config.poses.file)))
-    return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed])
+        return _generator(random).uniform(lower, upper, size=(random.count, 4)), []
+    listed = read_pose_lines(config.beside(str(config.poses.file)))
+    return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed.values()]), list(listed)
 
 
 def _generator(random: RandomBox) -> np.random.Generator:

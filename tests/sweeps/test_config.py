@@ -95,6 +95,10 @@ def test_a_pose_out_of_reach_has_no_solution(tmp_path, capsys):
     config = write(tmp_path, poses={"grid": {"box": {"z_mm": [-3000, -3000]}}})
     code, _, err = run(config, "--out", tmp_path / "out", capsys=capsys)
     assert code == 3 and "out of reach" in err and not (tmp_path / "out").exists()
+    (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,20,-600,17\n0,0,0,0\n")
+    config = write(tmp_path, poses={"file": "poses.csv"})
+    code, _, err = run(config, "--out", tmp_path / "out", capsys=capsys)
+    assert code == 3 and "poses.csv: line 3: the pose is out of reach" in err
 
 
 def test_bad_options(tmp_path, capsys):

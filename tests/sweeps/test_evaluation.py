@@ -2,8 +2,13 @@
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps import ErrorEntry
+from tests.support import ACTUAL
 from tests.sweeps.reference import OneAtATime
 
 SIZES = {"half_width_mm": 0.3, "half_width_mrad": 2.0}
@@ -72,13 +77,24 @@ def test_without_errors_nothing_moves(plan):
 
 
 def test_a_robot_as_built_is_compared_with_itself(make_plan):
-    from tests.support import ACTUAL
-
     plan = make_plan(layout=None, model=str(ACTUAL))
     displacement, _ = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)
     assert np.abs(displacement).max() < 1e-12
     first, _ = plan.displacements(plan.draws.values(0, 1), plan.poses)
     assert 1e-5 < np.abs(first).max() < 2e-2
+
+
+def test_a_robot_as_built_has_its_drive_offsets_and_its_own_error_is_told(make_plan, tmp_path):
+    model = RobotModel.load(ACTUAL).displaced({}, {"leg1_s3": 4e-3})
+    path = tmp_path / "off.yaml"
+    path.write_text(model.file_text(tmp_path))
+    plan, without = make_plan(layout=None, model=str(path)), make_plan(layout=None, model=str(ACTUAL))
+    robot = robot_of(model)
+    poses = [PlatformPose((x, y, z), tilt) for x, y, z, tilt in plan.poses.poses.tolist()]
+    errors = [robot.locate(pose).difference(plan.config.frames[0]).distance_m for pose in poses]
+    assert plan.own_error_m == pytest.approx(max(errors), abs=1e-9)
+    assert plan.content_hash != without.content_hash
+    assert plan.off == "off its place in off.yaml"
 
 
 def test_robots_without_a_solution_keep_their_status(make_plan):

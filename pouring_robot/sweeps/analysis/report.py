@@ -47,7 +47,8 @@ class SweepReport(Result):
         """How far the ladle is off, which share is within the requirement, and the error that matters most."""
         figures = self.summary.figures()
         return (
-            f"{figures['frame']} is off by at most {figures['largest_mm']:.3f} mm at {figures['poses']} poses, "
+            f"{figures['frame']} is {self.store.plan.off} by at most {figures['largest_mm']:.3f} mm at "
+            f"{figures['poses']} poses, "
             f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
         )
 
@@ -73,6 +74,7 @@ class SweepReport(Result):
             "content_hash": plan.content_hash,
             "version": plan.content["version"],
             "seed": plan.config.seed,
+            **({"own_error_mm": plan.own_error_m / MM} if plan.config.model is not None else {}),
             "summary": self.summary.figures(),
             "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
             "ranking": self._table(),
@@ -114,14 +116,18 @@ def summary_lines(found: SweepReport) -> list[str]:
     quantiles = ", ".join(
         f"{v:.3f} mm in {100 * float(k):g} %" for k, v in figures["quantiles_mm"].items() if v is not None
     )
-    what = "errors alone" if found.store.plan.config.study == "one_at_a_time" else "robots"
+    plan = found.store.plan
+    what = "errors alone" if plan.config.study == "one_at_a_time" else "robots"
     lines = [
-        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by up to "
+        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is {plan.off} by up to "
         f"{quantiles} of them, never by more than {figures['largest_mm']:.3f} mm "
         f"and {figures['largest_mrad']:.3f} mrad",
         f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
         f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose",
     ]
+    if plan.config.model is not None:
+        own = f"up to {plan.own_error_m / MM:.3f} mm at these poses"
+        lines.append(f"note: the robot of {plan.config.model} is off by an error of its own besides, {own}")
     if found.summary.failed:
         failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
         lines.append(f"note: without a solution, kept with their status: {failed}")
@@ -164,12 +170,12 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     """Return the report as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
-    where = f"{frame} off by, RMS over the robots: slices of the workspace, the worst tilt there"
+    where = f"{frame} {plan.off} by, RMS over the robots: slices of the workspace, the worst tilt there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
         Paragraph(f"{_study(config)}; seed {config.seed}; content of the sweep {plan.content_hash}"),
-        Plot(f"What matters, and how far {frame} is off", svg_of(study_figure(found))),
+        Plot(f"What matters, and how far {frame} is {plan.off}", svg_of(study_figure(found))),
         Heading("Where in the workspace"),
         Plot(where, svg_of(map_of(plan, found.summary))),
     ]
