@@ -110,10 +110,18 @@ class Under:
     condition: options.Conditions = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
-        """Return the commands of a table, by the line they stand on; conditions may stand beside them."""
-        from pouring_robot.campaign.columns import condition_headings
+        """Return the commands of a table, by the line they stand on; conditions may stand beside them.
 
-        return robot.read_commands(path, condition_headings(robot.model.definition))
+        A line on standard error says which of these change nothing.
+        """
+        from pouring_robot.campaign.columns import condition_headings
+        from pouring_robot.io.tables import read_table
+
+        known = condition_headings(robot.model.definition)
+        found = robot.read_commands(path, known)
+        if not robot.model.conditional:
+            options.say_unused(path, [heading for heading in read_table(path, "").headings if heading in known])
+        return found
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
         """Return a robot under its conditions, some maybe ``beside``: in a table of commands, or by heading.

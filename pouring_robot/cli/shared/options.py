@@ -188,6 +188,14 @@ def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = Fal
         print(f"note: {line}", file=sys.stderr)
 
 
+def say_unused(path: Path, headings: Iterable[str]) -> None:
+    """Say on standard error which columns of conditions a table has for nothing, if it has any."""
+    names = ", ".join(headings)
+    if names and not QUIET.get():
+        warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
+        print(f"note: {path}: nothing in the model depends on {names}, which change nothing{warm}", file=sys.stderr)
+
+
 def print_json(content: Any) -> None:
     """Print JSON on standard output."""
     json.dump(content, sys.stdout, indent=2, allow_nan=False)
