@@ -80,7 +80,7 @@ def compensate(
     wanted = {0: commanded.of(present)} if asked.poses is None else under.read_commands(present, asked.poses)
     standing = under.of(present, asked.poses)
     if isinstance(present, PouringRobot):
-        law = thermal_law(thermal_model, present, warmth)
+        law = thermal_law(thermal_model, present, warmth, cold=heat.cold)
         _ladle(asked, present, wanted, standing, law.heat if law else warmth, law)
     elif thermal_model is not None:
         raise BadInputError("--thermal-model is for the pouring robot")
@@ -150,7 +150,7 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     yield (
         f"{word}not in the drives' power: roll {decimals(roll, 3, sign=True)} mrad about x, yaw "
         f"{decimals(yaw, 3, sign=True)} mrad about z; the lip is left {lip:.3f} mm off"
-        + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
+        + ("; --frame ladle_lip puts the lip right instead" if closed and frame != "ladle_lip" else "")
     )
     moved = max(one.state.unsettled_m for one in found)
     turns = max(one.state.turns for one in found)

@@ -71,10 +71,12 @@ class ThermalLaw:
         print_table(("", "x", "y", "z"), rows)
 
 
-def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
+def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, cold: bool) -> ThermalLaw | None:
     """Return the thermal model of a file at the temperature of the melt; None without a file."""
     if path is None:
         return None
+    if cold:
+        raise BadInputError("--cold leaves heat out, and --thermal-model says what heat adds; give one of the two")
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
     with_melt(robot)

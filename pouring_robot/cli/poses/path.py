@@ -66,6 +66,7 @@ def path(
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
     notes += (*conditions, *warm.twice_lines(present, warmth))
+    notes += drawing.warm_notes(locations, present.model) if heated else []
     rows = [_row(location) for location in locations]
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
@@ -111,10 +112,12 @@ def _at_once(
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
     written = _write(out, rows)
-    written += drawing.write_joints(lambda: JointRow.of_many(robot.engine().structure, closed, robot.model))
+    joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
+    written += drawing.write_joints(joints)
+    notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model) if joints and heat else []
     if as_json:
         return options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
-    _print(robot, rows, [], written, in_file=out is not None)
+    _print(robot, rows, notes, written, in_file=out is not None)
 
 
 def _row(location: Location) -> Row:

@@ -25,7 +25,7 @@ def pose(
     command = commanded.of(built)
     (present,), conditions = under.robots(built, {0: command})
     given = heat.of(built)
-    law = warm.thermal_law(thermal_model, present, given)
+    law = warm.thermal_law(thermal_model, present, given, cold=heat.cold)
     heated = warm.heated_of(present, law.heat if law else given)
     warmth = warm.Warmth.of(present, heated, command, shares=True)
     found, location = warmth.robot, warmth.location
@@ -33,6 +33,7 @@ def pose(
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
     notes += (*conditions, *warm.twice_lines(built, given))
+    notes += drawing.warm_notes([location], present.model) if heated else []
     written = drawing.write([location], present.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)

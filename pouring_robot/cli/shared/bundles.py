@@ -16,6 +16,8 @@ from pouring_robot.cli.shared import options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
@@ -250,13 +252,37 @@ class Drawing:
             written += [write_png(scene, self.png)] if self.png else []
         elif self.exaggerate is not None:
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
-        return written + self.write_joints(lambda: [JointRow.of(one.actual, offsets) for one in locations])
+        return written + self.write_joints([JointRow.of(one.actual, offsets) for one in locations])
 
-    def write_joints(self, rows: Callable[[], Sequence[JointRow]]) -> list[Path]:
+    def write_joints(self, rows: Sequence[JointRow]) -> list[Path]:
         """Write the joint values of the robot as built, for the exported tree, if they were asked for."""
         from pouring_robot.robot.export.joints import joints_text
 
-        return options.written(self.joints, lambda: joints_text(rows(), self.joints or Path()))
+        return options.written(self.joints, lambda: joints_text(rows, self.joints or Path()))
+
+    def warm_notes(self, locations: Sequence[Location], model: RobotModel) -> list[str]:
+        """Say in a line by how much the exported tree misses a warm robot, if its joint values were asked for."""
+        if self.joints is None:
+            return []
+        from pouring_robot.robot.export.joints import JointRow
+
+        offsets, frame = model.drive_offset_values(), model.loops().working_frame
+        tips = [one.poses(frame)[1].translation for one in locations]
+        return self.tree_notes([JointRow.of(one.actual, offsets) for one in locations], tips, model)
+
+    def tree_notes(self, rows: Sequence[JointRow], tips_m: ArrayLike, model: RobotModel) -> list[str]:
+        """Say the same of rows of a warm robot's joints whose tips are known, (n, 3), in m."""
+        import numpy as np
+
+        from pouring_robot.mechanism.poses import MM
+        from pouring_robot.robot.export.closed import ClosedRobot
+
+        tree = ClosedRobot.of(model)
+        off = np.linalg.norm(tree.tips_m(row.values for row in rows) - tips_m, axis=1)
+        return [
+            f"{self.joints} is of the warm robot, and the tree that 'export' writes is cold: by these joint values its "
+            f"{model.loops().working_frame} stands up to {np.nanmax(off) / MM:.3f} mm beside"
+        ]
 
 
 def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:

@@ -8,7 +8,7 @@ another one; :meth:`ClosedRobot.over_workspace` says how much that does.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -108,16 +108,21 @@ class ClosedRobot:
         """
         if not self.mechanism.loops.cut_joints:
             return None
-        loops, tree = self.mechanism.loops, pin.buildModelFromXML(self.urdf)
         drives, start = self.robot.model.definition.workspace(self.robot.drawing)
         closed = self.robot.close(drives, start)
         good = np.flatnonzero(closed.closed)
         values = self.robot.engine().structure.joint_values(closed.joints)
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
-        data, off = tree.createData(), np.empty(len(good))
-        base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
-        for k, row in enumerate(good):
-            there = configured(tree, {name: course[row] for name, course in values.items()})
-            pin.framesForwardKinematics(tree, data, there)
-            off[k] = np.linalg.norm(data.oMf[base].actInv(data.oMf[tip]).translation - expected[row])
+        standing = ({name: course[row] for name, course in values.items()} for row in good)
+        off = np.linalg.norm(self.tips_m(standing) - expected[good], axis=1)
         return TreeGap(len(good), float(np.sqrt(np.mean(off**2))), float(off.max()))
+
+    def tips_m(self, standing: Iterable[Mapping[str, float]]) -> FloatArray:
+        """Return where the tree has its working frame at joint values (m, rad), seen from the base, shape (n, 3), m."""
+        loops, tree = self.mechanism.loops, pin.buildModelFromXML(self.urdf)
+        data, found = tree.createData(), []
+        base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
+        for values in standing:
+            pin.framesForwardKinematics(tree, data, configured(tree, values))
+            found.append(data.oMf[base].actInv(data.oMf[tip]).translation)
+        return np.array(found).reshape(-1, 3)
