@@ -1,14 +1,21 @@
 """``pouring-robot robot``: first files for robots of one's own."""
 
+from __future__ import annotations
+
 import sys
+import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pouring_robot.cli.shared import bundles, options
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, NoSolutionError
+
+if TYPE_CHECKING:
+    from pouring_robot.robot.location import LadleLocation
+    from pouring_robot.robot.pouring.new_layout import NewLayout
 
 Urdf = Annotated[Path, options.argument("URDF", "The robot's URDF, or a xacro.")]
 Out = Annotated[Path | None, options.writes("Where to write it (default: robot.yaml beside the URDF).")]
@@ -69,7 +76,6 @@ def new(
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
-    from pouring_robot.robot.pouring_robot import PouringRobot
 
     usual = NewLayout.usual()
     answers: dict[str, Any] = {"stroke_mm": sizes.stroke_mm}
@@ -78,16 +84,29 @@ def new(
             said = getattr(usual, key) if value is None else value
             answers[key] = said if yes or value is not None else _asked(key, said)
     layout = replace(usual, **answers)
-    lines = check_lines(checked(layout))
+    for line in check_lines(checked(layout)):
+        options.say(line)
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
+    middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
     written = write_together({layouts: layout.file_text(), model: own.file_text(out)})
-    middle = PouringRobot(RobotModel.load(model)).location_in_the_middle()
     written += bundles.Drawing(html=page, png=png).write([middle], own)
-    for line in lines:
-        options.say(line)
     options.print_written(written)
     options.say(f"next: pouring-robot robots --model {model}")
+
+
+def _in_the_middle(layout: NewLayout) -> LadleLocation:
+    """Return where a new machine is in the middle of its workspace, or raise NoSolutionError."""
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.pouring_robot import PouringRobot
+
+    with tempfile.TemporaryDirectory() as scratch:
+        layouts = write_whole(Path(scratch) / "layouts.yaml", layout.file_text())
+        try:
+            return PouringRobot(RobotModel(layout=layout.name, layouts_file=str(layouts))).location_in_the_middle()
+        except NoSolutionError as error:
+            raise NoSolutionError(f"in the middle of the workspace {error}; nothing is written") from error
 
 
 def _asked(key: str, usual: Any) -> Any:

@@ -45,7 +45,7 @@ def _pose(found: PoseHeat) -> list[Block]:
     matters = "MATTERS" if found.bending_matters else "does not matter"
     at_lip = abs(bending.tilt_error_rad) * found.lever_m / MM
     return [
-        Paragraph("temperatures: degC; across: K from side to side, settled; growth: mm"),
+        Paragraph("temperatures: degC; across: K from side to side, settled; growth: mm, of a platform half its width"),
         Table(("part", "mean", "hottest", "across", "grows by"), rows),
         Paragraph("moved by heat alone: mm, mrad"),
         Table(("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz"), moves),

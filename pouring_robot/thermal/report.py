@@ -38,7 +38,8 @@ def part_figures(
     centres. None stands where a part has no such figure.
     """
     hottest = np.max(field.leg_elements_degC, axis=1, where=field.between_joints > 0.0, initial=-np.inf)
-    growth = np.array(expansion.leg_strain) * field.exposure.lengths_m / MM
+    strain = np.array(expansion.leg_strain)
+    growth = strain * field.exposure.lengths_m / (1.0 + strain) / MM  # its length there has grown already
     legs = zip(*(v.tolist() for v in (field.leg_degC, hottest, field.leg_difference_K, growth)), strict=True)
     found: dict[str, tuple[float | None, ...]] = dict(zip(LEGS, legs, strict=True))
     growth = expansion.platform_strain * np.abs(robot.kinematics.moving_centres_m).max() / MM

@@ -4,12 +4,15 @@ import csv
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from PIL import Image
 
 from pouring_robot.report.plots import new_figure
+from pouring_robot.robot.export.closed import configured
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import ACTUAL, ROOT
 
@@ -60,6 +63,44 @@ def test_heat_that_the_model_has_learned_and_that_the_melt_brings_is_not_counted
     code, out, err = run(command, *AT, "--model", model, *warm, "--melt-degC", "1700", "--steady")
     assert (code, err) == (0, "")
     assert "heat counts twice: the melt warms the robot, and so does leg_thermal_expansion" in out
+
+
+def test_joints_of_a_warm_robot_say_by_how_much_the_cold_tree_misses_it(run, tmp_path):
+    """Pinocchio's forward kinematics of the exported tree, against the lip that ``pose`` prints."""
+    code, _, err = run("export", "--out", "tree", "--model", ACTUAL)
+    assert (code, err) == (0, "")
+    code, out, _ = run("pose", *AT, "--model", ACTUAL, "--melt-degC", "1700", "--json", "--joints", "warm.json")
+    figures = json.loads(out)
+    tree = pin.buildModelFromUrdf(str(tmp_path / "tree" / "pouring_robot.urdf"))
+    (row,) = json.loads((tmp_path / "warm.json").read_text())["poses"]
+    data = tree.createData()
+    pin.framesForwardKinematics(tree, data, configured(tree, row["joints"]))
+    base, lip = (data.oMf[tree.getFrameId(name)] for name in ("fixed_platform", "ladle_lip"))
+    there = figures["frames"]["ladle_lip"]["actual_mm"]
+    missed = float(np.linalg.norm(base.actInv(lip).translation * 1e3 - there))
+    assert missed > 0.5
+    assert any(f"stands up to {missed:.3f} mm beside" in note for note in figures["notes"])
+    _, out, _ = run("pose", *AT, "--model", ACTUAL, "--json", "--joints", "cold.json")
+    assert not any("beside" in note for note in json.loads(out)["notes"])
+
+
+def test_columns_of_conditions_that_change_nothing_are_told(run, tmp_path):
+    table = tmp_path / "melt.csv"
+    table.write_text("x_mm,y_mm,z_mm,tilt_deg,melt_degC,payload_kg\n-100,20,-600,17,1700,400\n")
+    for command in ("path", "compensate"):
+        code, _, err = run(command, table, "--model", ACTUAL)
+        assert (code, "nothing in the model depends on melt_degC, payload_kg" in err) == (0, True)
+    assert run("path", table, "--quiet")[2] == ""
+
+
+def test_a_leg_is_said_to_grow_by_what_the_closure_adds_to_it(run):
+    """The closed robot's warm joint values less the commands."""
+    code, out, err = run("thermal", *AT, "--json")
+    assert (code, err) == (0, "")
+    location = HeatedRobot(PouringRobot(), HeatSection()).locate(POSE).location
+    for k in (1, 2, 3):
+        added = location.actual.joint_values[f"leg{k}_s3"] - location.drives[f"leg{k}_s3"]
+        assert json.loads(out)["parts"][f"leg{k}"]["growth_mm"] == pytest.approx(1e3 * added, rel=1e-9)
 
 
 def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):

@@ -337,3 +337,9 @@ def test_a_machine_of_ones_own_is_asked_for_checked_and_drawn(run, tmp_path, mon
     assert figures["workspace"]["position_lower_mm"] == [-150.0, -50.0, -1200.0]
     code, _, err = run("robot", "new", "--yes", "--out", "mine")
     assert (code, "--overwrite" in err) == (2, True)
+
+
+def test_a_machine_that_does_not_reach_its_middle_is_told_what_falls_short_and_leaves_nothing(run, tmp_path):
+    code, out, err = run("robot", "new", "--out", "mine", "--yes", "--stroke-mm", 400, 500)
+    assert (code, "in the middle of the workspace" in err) == (3, True)
+    assert "leg3_s3 stops short of" in out and not (tmp_path / "mine").exists()

@@ -16,9 +16,8 @@ from pouring_robot.cli.shared import options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from pouring_robot.effects.under import RobotUnderConditions
+    from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
@@ -264,13 +263,15 @@ class Drawing:
         """Say in a line by how much the exported tree misses a warm robot, if its joint values were asked for."""
         if self.joints is None:
             return []
+        import numpy as np
+
         from pouring_robot.robot.export.joints import JointRow
 
         offsets, frame = model.drive_offset_values(), model.loops().working_frame
-        tips = [one.poses(frame)[1].translation for one in locations]
+        tips = np.array([one.poses(frame)[1].translation for one in locations])
         return self.tree_notes([JointRow.of(one.actual, offsets) for one in locations], tips, model)
 
-    def tree_notes(self, rows: Sequence[JointRow], tips_m: ArrayLike, model: RobotModel) -> list[str]:
+    def tree_notes(self, rows: Sequence[JointRow], tips_m: FloatArray, model: RobotModel) -> list[str]:
         """Say the same of rows of a warm robot's joints whose tips are known, (n, 3), in m."""
         import numpy as np
 
