@@ -74,10 +74,11 @@ class Findings:
 
     @property
     def spare(self) -> dict[str, float]:
-        """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
-        problem = self.hypothesis.problem
+        """What each effect that was tried and is in no sentence yet would be worth beside what was found, in nats."""
+        problem, judgement = self.hypothesis.problem, self.judgement
         shown = {item.effect for item in problem.explanations if problem.shown(item)}
-        best = self.hypothesis.best_forms(self.hypothesis.rivals & shown)
+        told = {*judgement.minor, *(cause.effect for cause in judgement.causes)}
+        best = self.hypothesis.best_forms((self.hypothesis.rivals & shown) - told)
         return {effect: worth.evidence for effect, (worth, _) in best.items()}
 
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:

@@ -260,10 +260,10 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
     if alone[best].log_evidence < hypothesis.log_evidence - least:
-        # It takes several kinds: the one that is missed most is named, the others are there as they usually are.
-        missed = {k: hypothesis.with_levels_of([j for j in kinds if j != k]).log_evidence for k in kinds}
-        kind = min(kinds, key=lambda k: missed[k])
-        return [_small(hypothesis, kind, without, _instead(hypothesis, kind, thresholds), thresholds)]
+        # It takes several kinds: the one that does most is named, the others are there as they usually are.
+        kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
+        rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
+        return [_small(hypothesis, kind, rest, _instead(hypothesis, kind, thresholds), thresholds)]
     likely = alone[best].log_evidence + np.log(thresholds.alternative)
     close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
     names = [hypothesis.problem.workmanship[k].effect for k in close]

@@ -142,7 +142,7 @@ HtmlFile = Annotated[Path | None, writes("Write a self-contained meshcat page.")
 ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
 PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
 AtOnce = Annotated[
-    bool, opt("All poses at once, hundreds of times faster; temperatures are not taken until they settle.", "--at-once")
+    bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")
 ]
 JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
 Exaggeration = Annotated[float | None, opt("Draw errors this many times larger.", metavar="FACTOR")]

@@ -199,8 +199,13 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
 def spare_lines(diagnosis: Conclusions) -> list[str]:
     """Return which effects were tried beside the named ones and are not asked for, with what they would be worth."""
     spare = diagnosis.spare if diagnosis.firm and diagnosis.verdict != "unknown" else {}
-    said = ", ".join(f"{effect} ({worth:+.1f} nats)" for effect, worth in spare.items())
-    return [f"{said}; it takes {diagnosis.diagnoser.options.least_evidence:.1f} to be named"] if said else []
+    least = diagnosis.diagnoser.thresholds.least_evidence
+    said = {effect: f"{effect} ({worth:+.1f} nats)" for effect, worth in spare.items()}
+    below, above = ([said[e] for e, worth in spare.items() if (worth < least) == few] for few in (True, False))
+    lines = [f"{', '.join(below)}; it takes {least:.1f} to be named"] if below else []
+    if above:
+        lines.append(f"{', '.join(above)} would explain something, but too little beside the causes, bent, or undone")
+    return lines
 
 
 def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
