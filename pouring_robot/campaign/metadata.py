@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
 from pouring_robot.exceptions import CampaignError, CampaignFileError, OutputError
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
@@ -21,6 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 _Number = Annotated[float, Strict()]
 _Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]
+_Tare = Annotated[_Number, Field(gt=0.0, le=LIMITS["mass"][1])]
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
 PER_SESSION: Frames = "per session"
@@ -42,7 +43,7 @@ class CampaignMetadata(StrictModel):
     sigma_closure_m: _Size | None = None  # of what redundant drives disagree by
     screw_pitch_m: _Size | None = None  # travel of a leg a turn of its screw
     truss_span_m: _Size | None = None  # length of the rails
-    ladle_tare_kg: _Size | None = None  # mass of the empty ladle
+    ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
     ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
     # at which the drawing holds
     reference_temperature_degC: float | None = None  # noqa: N815 - the unit is spelt as in the campaign files
@@ -105,7 +106,8 @@ class _Section(StrictModel):
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
     """Return a section of the file as a field: its type, and what it is where it is left out."""
     units = _UNITS[name]
-    sizes = {fact: tuple[_Number, _Number, _Number] if "centre" in fact else _Size for fact in units}
+    others: dict[str, Any] = {"ladle_centre_of_mass_m": tuple[_Number, _Number, _Number], "ladle_tare_kg": _Tare}
+    sizes = {fact: others.get(fact, _Size) for fact in units}
     keys: dict[str, Any] = {key: (sizes[fact] | None, None) for fact, per_unit in units.items() for key in per_unit}
     kind = pydantic.create_model(f"_{name}", __base__=_Section, **keys, **more)
     kind.units = units

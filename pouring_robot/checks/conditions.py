@@ -2,7 +2,8 @@
 
 Nothing of the measured poses is needed. Each rule rests on what no robot does: it travels no further than its rails, no
 hall is hotter than :data:`HOTTEST_HALL_DEGC`, cold parts have the hall's temperature, nobody records a load of a
-thousandth of the robot's mass, a static pose takes :data:`LEAST_PAUSE_S`.
+thousandth of the robot's mass, none carries ten times its mass, no drive bears ten times its effort, a static pose
+takes :data:`LEAST_PAUSE_S`.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
+from pouring_robot.campaign.data import BoolArray, Campaign
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
 from pouring_robot.checks.units_and_axes import LENGTH_MISTAKES
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -37,6 +38,7 @@ def check_conditions(campaign: Campaign, drawing: Drawing, drives: FloatArray) -
     """Yield what is wrong with the conditions, given drives (n, drives) whose mistakes are undone, in m and rad."""
     yield from _travels(campaign, drawing)
     yield from _payload(campaign, drawing)
+    yield from _forces(campaign, drawing)
     yield from _pauses(campaign, drawing, drives)
     yield from _still_thermometers(campaign)
     exchanged = list(_exchanged_with_the_hall(campaign))
@@ -50,6 +52,14 @@ def _unit(
     return found(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity)
 
 
+def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why: str) -> DataFlag:
+    """Return the finding of the rows (n,) in which a condition is what it cannot be, in its inner unit."""
+    rows, values = np.flatnonzero(wrong), campaign.quantity(name)
+    first = float("nan") if values is None else float(values[rows[0]])
+    message = f"column '{campaign.heading(name)}' holds {first:g} {unit} in {where(campaign, rows)}, and {why}"
+    return found(campaign, FlagCode.IMPOSSIBLE_CONDITION, message, rows, [name], {f"first_{unit}": first})
+
+
 def _known(campaign: Campaign, name: str) -> FloatArray:
     """Return the values of a condition that are there."""
     values = campaign.conditions.get(name, np.empty(0))
@@ -61,21 +71,46 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     for name in campaign.robot.travels:
         values, (low, high) = _known(campaign, name), limits.get(name, (-np.inf, np.inf))
         # Rails may be longer than the drawing's, or counted from elsewhere, but not ten times as long.
-        if values.size and np.abs(values).max() > _FAR * (high - low):
-            for factor, wrong in LENGTH_MISTAKES:
-                if np.mean((values * factor >= low) & (values * factor <= high)) > _NEARLY_ALL:
-                    largest = float(np.abs(values).max())
-                    said = f"{wrong}: it comes to {largest:g} m, and the axis ends at {high:g} m"
-                    yield _unit(campaign, name, said, {"largest_m": largest, "limit_m": high})
-                    break
+        largest, reach = float(np.abs(values).max(initial=0.0)), _FAR * (high - low)
+        if largest <= reach:
+            continue
+        factors = [(1.0, ""), *LENGTH_MISTAKES]
+        fits = (w for f, w in factors if np.mean((values * f >= low) & (values * f <= high)) > _NEARLY_ALL)
+        if wrong := next(fits, ""):
+            said = f"{wrong}: it comes to {largest:g} m, and the axis ends at {high:g} m"
+            yield _unit(campaign, name, said, {"largest_m": largest, "limit_m": high})
+        elif (far := np.abs(campaign.conditions[name] - np.median(values)) > reach).any():
+            yield _impossible(campaign, name, far, "m", f"its axis is {high - low:g} m long")
 
 
 def _payload(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     values, mass = _known(campaign, "payload"), float(pin.computeTotalMass(drawing.mechanism.shared_model))
-    largest = float(values.max()) if values.size else 0.0
-    if 0.0 < largest < _SLIGHT * mass:
-        said = f"tonnes under a heading in kg: at most {largest:g} kg on a robot of {mass:.3g} kg"
+    largest = float(values.max(initial=0.0))
+    wrong = "tonnes" if 0.0 < largest < _SLIGHT * mass else ""
+    if largest > _FAR * mass > 0.0:
+        if np.median(values[values > 0.0]) <= _FAR * mass:
+            heavy = campaign.conditions["payload"] > _FAR * mass
+            yield _impossible(campaign, "payload", heavy, "kg", f"the robot itself weighs {mass:.3g} kg")
+            return
+        wrong = "grams"
+    if wrong:
+        said = f"{wrong} under a heading in kg: at most {largest:g} kg on a robot of {mass:.3g} kg"
         yield _unit(campaign, "payload", said, {"largest_kg": largest, "robot_kg": mass})
+
+
+def _forces(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
+    """Find what no drive bears; at rest it may bear more than its motor can move, but not ten times as much."""
+    model = drawing.mechanism.shared_model
+    for name, drive in zip(columns.force_names(campaign.robot), campaign.robot.drives, strict=True):
+        values, effort = campaign.quantity(name), float(model.effortLimit[_place(model, drive.joint)])
+        if values is not None and effort > 0.0 and (wrong := np.abs(values) > _FAR * effort).any():
+            unit = "N" if drive.unit == "m" else "Nm"
+            yield _impossible(campaign, name, wrong, unit, f"the drive's effort ends at {effort:g} {unit}")
+
+
+def _place(model: pin.Model, joint: str) -> int:
+    """Return where a joint's limits stand in the model."""
+    return int(model.joints[model.getJointId(joint)].idx_v)
 
 
 def _pauses(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterator[DataFlag]:
@@ -84,7 +119,7 @@ def _pauses(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterato
     if time is None:
         return
     model = drawing.mechanism.shared_model
-    speeds = [model.velocityLimit[model.joints[model.getJointId(d.joint)].idx_v] for d in campaign.robot.drives]
+    speeds = [model.velocityLimit[_place(model, drive.joint)] for drive in campaign.robot.drives]
     pauses: list[float] = []
     timed = np.isfinite(time) & campaign.usable
     for members in campaign.rows_by_session().values():

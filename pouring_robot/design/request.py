@@ -17,6 +17,7 @@ from typing import Literal
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.quantities import LIMITS
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
@@ -113,7 +114,7 @@ class PlanRequest:
         if not all(math.isfinite(value) and abs(value) <= 10.0 for value in self.target_m):
             raise BadInputError("the place of the target must be three figures of at most 10 m")
         for name, values, least_value, most_value in (
-            ("load in kg", self.loads_kg, 0.0, 1e4),
+            ("load in kg", self.loads_kg, *LIMITS["mass"]),
             ("leg temperature in °C", self.leg_degC, -100.0, _HOTTEST_DEGC),
         ):
             if not all(math.isfinite(value) and least_value <= value <= most_value for value in values):

@@ -29,9 +29,8 @@ from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.io.quantities import UNITS, to_inner
+from pouring_robot.io.quantities import UNITS, first_fault, to_inner
 from pouring_robot.io.tables import read_table
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -71,11 +70,13 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             numbers = np.array(np.nan)
         if UNITS[quantity.kind]:
             numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))
-        cold = quantity.kind == "temperature" and bool((numbers < ABSOLUTE_ZERO_DEGC).any())
-        if not np.isfinite(numbers).all() or cold or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):
-            wanted = {"temperature": "a temperature", "sign": "+1 or -1"}.get(quantity.kind, "a finite number")
+        if not np.isfinite(numbers).all() or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):
+            wanted = "+1 or -1" if quantity.kind == "sign" else "a finite number"
             shown = "" if np.ndim(numbers) else f", not {values!s}"
             raise BadInputError(f"{heading}: give {wanted} for every command{shown}")
+        if fault := first_fault(numbers, quantity.kind):
+            index, said = fault
+            raise BadInputError(f"{heading}{f' of command {index + 1}' if np.ndim(numbers) else ''}: {said}")
         found[quantity.name] = numbers
     return found
 

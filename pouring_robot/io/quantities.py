@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import Table, read_table
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 
 Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
 
@@ -31,6 +31,8 @@ UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
 
 Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
 """
+LIMITS: dict[Kind, tuple[float, float]] = {"mass": (0.0, 1e4), "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC)}
+"""What loads and temperatures lie between, in inner units; beyond is no load or temperature of any robot."""
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units}
 _LARGEST = 1e9  # no quantity comes near this, in any of its units; what does is a broken number
 
@@ -39,6 +41,18 @@ def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
     """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
     divisor, shift = next(units[unit] for units in UNITS.values() if unit in units)
     return values / divisor + shift if shift else values / divisor
+
+
+def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | None:
+    """Return index of and words on the first value, in the inner unit, beyond :data:`LIMITS`; None: there is none."""
+    low, high = LIMITS.get(kind, (-np.inf, np.inf))
+    wrong = np.flatnonzero((values < low) | (values > high))
+    if not wrong.size:
+        return None
+    value = float(values.flat[wrong[0]])
+    if kind == "temperature":
+        return int(wrong[0]), temperature_fault(value)
+    return int(wrong[0]), f"{value:g} kg is no load, which is {low:g} to {high:g} kg; check value and unit"
 
 
 @dataclass(frozen=True)
@@ -92,7 +106,8 @@ def read_quantities(
 
     Raises:
         TableError: (or ``error``) the file cannot be read; a heading is misspelt, has no or a wrong unit, or a quantity
-            stands twice; a required quantity is missing; there is no row; or a cell is no number.
+            stands twice; a required quantity is missing; there is no row; or a cell is no number, or a load or a
+            temperature that cannot be (:data:`LIMITS`).
     """
     table = read_table(path, example, error, short_rows=False)
     places = _understand(table, quantities)
@@ -114,11 +129,10 @@ def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.f
     values = table.sparse_numbers(index, _LARGEST)
     if not UNITS[quantity.kind]:
         return values
-    unit = table.headings[index][len(quantity.name) + 1 :]
-    inner = to_inner(values, unit)
-    if quantity.kind == "temperature" and np.any(inner < ABSOLUTE_ZERO_DEGC):
-        row = int(np.argmax(inner < ABSOLUTE_ZERO_DEGC))
-        raise table.fault(f"{values[row]:g} {unit} is below absolute zero; check the unit", row, table.headings[index])
+    inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])
+    if fault := first_fault(inner, quantity.kind):
+        row, said = fault
+        raise table.fault(f"{said}, or leave the cell empty if it is missing", row, table.headings[index])
     return inner
 
 

@@ -96,6 +96,7 @@ def test_reads_a_plan_with_conditions(tmp_path, drawing):
         ("-110", "", ["line 3", "x_mm"]),
         ("tilt_deg", "tilt_mm", ["tilt_mm"]),
         ("payload_kg", "approach_q1", ["approach"]),
+        ("a,300", "a,-3", ["line 2", "'payload_kg'", "-3 kg is no load"]),
     ],
 )
 def test_names_the_fault_of_a_plan(tmp_path, drawing, old, new, words):

@@ -83,12 +83,18 @@ DAMAGES = {
     "condition_unit": [
         changed("truss_travel", lambda v: v * 1e3),
         changed("payload", lambda v: v / 1e3),
+        changed("payload", lambda v: v * 1e3),
         changed("time", lambda v: v / 60.0),
         changed("time", lambda v: v / 3600.0),
         changed("ambient", lambda v: v * 1.8 + 32.0),
         changed("ambient", lambda v: v + 273.15),
         changed("leg2", lambda v: v * 1.8 + 32.0),
         changed("leg2", lambda v: v + 273.15),
+    ],
+    "impossible_condition": [
+        changed("payload", lambda v: np.where(np.arange(len(v)) == 7, 9999.0, v)),
+        changed("truss_travel", lambda v: np.where(np.arange(len(v)) == 7, -9999.0, v)),
+        lambda c: damaged(c, force=np.where(np.arange(len(c)) == 7, 1e9, 500.0)[:, None].repeat(4, axis=1)),
     ],
     "conditions_exchanged": [lambda c: damaged(c, leg2=c.conditions["ambient"], ambient=c.conditions["leg2"])],
     "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
