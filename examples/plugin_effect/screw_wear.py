@@ -15,6 +15,7 @@ class ScrewWear(Effect):
 
     id = "screw_wear"
     story = "the screws are worn where the nut stands most of the time"
+    robots = ("pouring_robot",)
     driven_by = "lengths_m"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:

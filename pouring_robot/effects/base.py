@@ -28,7 +28,7 @@ from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.description.definition import Drive
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 LocalChanges = Mapping[str, FloatArray]
 """Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.<joint>``, ``base.tz`` (of the
@@ -65,6 +65,8 @@ class Effect(ABC):
 
     id: str  # name in files and on the command line
     story: str  # one line for people: what happens on the machine
+    # names, in their robot files, of the robots it is for: those that have what it changes and is driven by; () for all
+    robots: tuple[str, ...] = ()
     # conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have
     needs: tuple[str, ...] = ()
     # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
@@ -131,6 +133,11 @@ class Effect(ABC):
         return found[name]
 
 
+def not_for(robot: RobotDefinition) -> str:
+    """Return how to mend an effect that a robot cannot have."""
+    return f"mend its class or, if it is not for the robot '{robot.name}', let its `robots` name those it is for"
+
+
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
     """Return the forms of an effect that may be anybody's, after a look at what they change.
 
@@ -141,7 +148,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
         forms = tuple(effect.forms(conditions))
     except Exception as problem:  # a user's effect may fail in any way; the line must say which one
         why = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise BadInputError(f"the effect '{effect.id}' fails under the conditions of this campaign: {why}") from problem
+        said = f"the effect '{effect.id}' fails under the conditions of this campaign: {why}"
+        raise BadInputError(f"{said}; {not_for(conditions.robot)}") from problem
     names = [form.name for form in forms]
     if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
         raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
@@ -150,8 +158,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
             for name, change in parameter.changes.items():
                 if name not in channels:
-                    near = closest(name, channels)
-                    raise BadInputError(f"{where} changes '{name}', which the robot does not have{near}")
+                    near, mend = closest(name, channels), not_for(conditions.robot)
+                    raise BadInputError(f"{where} changes '{name}', which the robot does not have{near}; {mend}")
                 if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
                     raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
             if not parameter.prior_std > 0.0:

@@ -12,7 +12,7 @@ from importlib.metadata import entry_points
 
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter, Family
+from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
 from pouring_robot.effects.conditions import Conditions, condition_names
 from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
@@ -59,7 +59,7 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
 
 
 def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
-    """Return the library's effects and those of installed packages, by id, by default for the default drawing.
+    """Return the library's effects and those of installed packages for a robot, by id; by default the default drawing.
 
     Raises BadInputError if a package's effect cannot be loaded, is none, or has the id of another one.
     """
@@ -76,6 +76,11 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
+        if isinstance(effect.robots, str):
+            said = f"the effect '{effect.id}' of {entry.value} has the bare text '{effect.robots}' for robots"
+            raise BadInputError(f"{said}; write robots = ('{effect.robots}',)")
+        if effect.robots and robot.name not in effect.robots:
+            continue
         # Of a bare string each letter is asked for, and none of them is a condition.
         asked = [("needs", name, condition_names(robot)) for name in effect.needs]
         if effect.driven_by:
@@ -83,7 +88,7 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
         for verb, name, known in asked:
             if name not in known:
                 said = f"the effect '{effect.id}' of {entry.value} {verb} '{name}', which is no condition"
-                raise BadInputError(f"{said}{closest(name, known)}")
+                raise BadInputError(f"{said}{closest(name, known)}; {not_for(robot)}")
         if effect.id in found:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
         found[effect.id] = effect

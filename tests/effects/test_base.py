@@ -157,6 +157,7 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
     ("changes", "prior_std", "said"),
     [
         ({"drive.leg4_s3": np.zeros(70)}, 1.0, "changes 'drive.leg4_s3', which the robot does not have; did you mean"),
+        ({"drive.lift": np.zeros(70)}, 1.0, "if it is not for the robot 'pouring_robot', let its `robots` name those"),
         ({"base.tx": np.zeros(69)}, 1.0, "must change 'base.tx' by one finite number for each row"),
         ({"base.tx": np.float64(1.0)}, 1.0, "must change 'base.tx' by one finite number for each row"),
         ({"base.tx": np.full(70, np.nan)}, 1.0, "must change 'base.tx' by one finite number for each row"),
@@ -174,7 +175,7 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prio
 
 
 def test_users_effect_that_fails(bench):
-    with pytest.raises(BadInputError, match=r"the effect 'users_own' fails .*: KeyError: ") as problem:
+    with pytest.raises(BadInputError, match=r"the effect 'users_own' fails .*: KeyError: .*; mend its class or") as problem:
         Library.of(bench.rows, {"users_own": Failing({})})
     assert "\n" not in str(problem.value)
 

@@ -18,7 +18,9 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import Bench
 from tests.effects.plugins import EXAMPLE, GROUP, installed_example
+from tests.support import ROOT
 
+ROBOTS = sorted((ROOT / "examples").glob("*/*/robot.yaml"))
 WEAR_MM = {"l1_wear": 0.45, "l2_wear": -0.30, "l3_wear": 0.60}
 
 
@@ -77,6 +79,17 @@ def test_the_command_lists_it(folder):
         command, env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)}, check=True, capture_output=True, text=True
     )
     assert "screw_wear" in json.dumps(json.loads(done.stdout))
+
+
+@pytest.mark.parametrize("file", ROBOTS, ids=lambda file: file.parent.name)
+def test_other_robots_are_without_it(plugin, file):
+    robot = RobotModel.for_robot(file).definition
+    assert plugin.id not in all_effects(robot)
+    assert robot.name not in plugin.robots
+
+
+def test_it_is_for_every_layout_of_the_robot(plugin):
+    assert plugin.id in all_effects(RobotModel(layout="wide").definition)
 
 
 def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):

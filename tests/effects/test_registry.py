@@ -43,6 +43,10 @@ class Needy(Good):
     needs = ("payload_kg",)
 
 
+class Lone(Good):
+    robots = "arm"
+
+
 class Nameless(Effect):
     def forms(self, conditions):
         return ()
@@ -132,6 +136,8 @@ def test_a_package_on_the_path_is_found(package):
         ("Nameless", MODULE, "has no id"),
         ("Astray", MODULE, "driven by 'lengths', which is no condition; did you mean 'lengths_m'?"),
         ("Needy", MODULE, "needs 'payload_kg', which is no condition"),
+        ("Needy", MODULE, "if it is not for the robot 'pouring_robot', let its `robots` name those it is for"),
+        ("Lone", MODULE, "write robots = ('arm',)"),
         ("Twin", MODULE, "two effects are called 'drive_scale'; rename"),
     ],
 )
