@@ -20,7 +20,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.sensitivity.report import Request, SensitivityReport
+from pouring_robot.sensitivity.report import Request, SensitivityReport, ranges
 from pouring_robot.sensitivity.samples import ErrorSamples, Kind
 
 _AT_ONCE = 1000
@@ -36,7 +36,7 @@ def sensitivity(
 
     Raises:
         BadInputError: a name or a range is wrong.
-        NoSolutionError: the robot closes at fewer than two poses.
+        NoSolutionError: the robot closes at fewer than two poses, or reaches fewer within the ranges.
     """
     request, model = request or Request(), RobotModel.of(robot)
     definition = model.definition
@@ -78,12 +78,16 @@ def _chosen(catalogue: ParameterCatalogue, request: Request) -> tuple[Parameter,
 
 def _from_box(model: RobotModel, kinematics: FourUPUKinematics, request: Request) -> tuple[FloatArray, BatchStart]:
     """Draw poses evenly from the workspace box, or from the ranges asked for."""
-    lower, upper = np.array(load_layout(model.layout, model.layouts_path).box)
+    box = np.array(load_layout(model.layout, model.layouts_path).box)
+    lower, upper = box.copy()
     for k, limits in enumerate(request.box):
         if limits is not None:
             lower[k], upper[k] = limits
     commands = kinematics.commands(np.random.default_rng(request.seed).uniform(lower, upper, (request.poses, 4)))
     reached = np.flatnonzero(kinematics.within_limits(commands.start.joints))
+    if len(reached) < 2 and any(request.box):
+        out = f"{len(reached)} of {request.poses} poses drawn within {', '.join(ranges(request.box))} are in reach"
+        raise NoSolutionError(f"{out}; the workspace of '{model.layout}' is {', '.join(ranges(tuple(box.T)))}")
     return commands.drives[reached], commands.start[reached]
 
 

@@ -21,6 +21,8 @@ from pouring_robot.robot.parameters import Parameter
 from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
 
 Range = tuple[float, float]
+Box = tuple[Range | None, Range | None, Range | None, Range | None]
+_SHOWN_IN = (("x", MM, "mm"), ("y", MM, "mm"), ("z", MM, "mm"), ("tilt", math.radians(1.0), "deg"))
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
 _ALIKE_M = 1e-9
 """Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
@@ -35,7 +37,7 @@ class Request:
     length_m: float = 0.2 * MM  # size of an error; the default is the paper's, here and below
     angle_rad: float = 4.0 * MRAD
     # limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only
-    box: tuple[Range | None, Range | None, Range | None, Range | None] = (None, None, None, None)
+    box: Box = (None, None, None, None)
     # sets, groups, names or patterns; by default the DH table, or all places, axes and drives
     parameters: tuple[str, ...] = ()
     frame: str | None = None  # whose displacement counts; by default the end frame
@@ -48,9 +50,15 @@ class Request:
             raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
         if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and self.limit_m > 0.0):
             raise BadInputError("errors and limit must be positive, errors below 100 mm and 500 mrad")
-        for limits in self.box:
-            if limits is not None and not limits[0] <= limits[1]:
-                raise BadInputError(f"a range must run upwards, not from {limits[0]:g} to {limits[1]:g}")
+        for limits, said in zip(filter(None, self.box), ranges(self.box), strict=True):
+            if not -math.inf < limits[0] <= limits[1] < math.inf:
+                raise BadInputError(f"a range must run upwards and be finite, unlike {said}")
+
+
+def ranges(box: Box) -> list[str]:
+    """Return the limits that a box has of x, y, z (m) and tilt (rad) in words: ``x from -100 to 100 mm``."""
+    given = ((limits, *shown) for limits, shown in zip(box, _SHOWN_IN, strict=True) if limits is not None)
+    return [f"{name} from {low / one:g} to {high / one:g} {unit}" for (low, high), name, one, unit in given]
 
 
 @dataclass(frozen=True)

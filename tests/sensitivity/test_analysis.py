@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
@@ -98,12 +98,19 @@ def test_a_range_of_poses_counts():
     [
         ({"poses": 1}, "two poses"),
         ({"angle_rad": 1.0}, "below 100 mm and 500 mrad"),
-        ({"box": ((0.1, -0.1), None, None, None)}, "run upwards"),
+        ({"box": ((0.1, -0.1), None, None, None)}, "run upwards and be finite, unlike x from 100 to -100 mm"),
+        ({"box": (None, None, None, (0.0, np.inf))}, "unlike tilt from 0 to inf deg"),
     ],
 )
 def test_what_makes_no_study_is_refused(changes, says):
     with pytest.raises(BadInputError, match=says):
         Request(**changes)
+
+
+def test_a_range_out_of_reach_is_said_in_the_users_units():
+    said = "0 of 20 poses drawn within x from 3000 to 4000 mm are in reach; the workspace of 'paper' is x from -150 to"
+    with pytest.raises(NoSolutionError, match=said):
+        sensitivity(None, Request(poses=20, box=((3.0, 4.0), None, None, None)))
 
 
 def test_ranges_are_for_the_pouring_robot():
