@@ -76,9 +76,10 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
-        if isinstance(effect.robots, str):
-            said = f"the effect '{effect.id}' of {entry.value} has the bare text '{effect.robots}' for robots"
-            raise BadInputError(f"{said}; write robots = ('{effect.robots}',)")
+        robots: object = effect.robots
+        if isinstance(robots, str):
+            said = f"the effect '{effect.id}' of {entry.value} has the bare text '{robots}' for robots"
+            raise BadInputError(f"{said}; write robots = ('{robots}',)")
         if effect.robots and robot.name not in effect.robots:
             continue
         # Of a bare string each letter is asked for, and none of them is a condition.

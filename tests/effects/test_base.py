@@ -175,7 +175,9 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prio
 
 
 def test_users_effect_that_fails(bench):
-    with pytest.raises(BadInputError, match=r"the effect 'users_own' fails .*: KeyError: .*; mend its class or") as problem:
+    with pytest.raises(
+        BadInputError, match=r"the effect 'users_own' fails .*: KeyError: .*; mend its class or"
+    ) as problem:
         Library.of(bench.rows, {"users_own": Failing({})})
     assert "\n" not in str(problem.value)
 

@@ -141,9 +141,7 @@ HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What bl
 HtmlFile = Annotated[Path | None, writes("Write a self-contained meshcat page.")]
 ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
 PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
-AtOnce = Annotated[
-    bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")
-]
+AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")]
 JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
 Exaggeration = Annotated[float | None, opt("Draw errors this many times larger.", metavar="FACTOR")]
 MeltDegC = Annotated[float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")]
