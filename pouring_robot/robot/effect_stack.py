@@ -28,11 +28,19 @@ class LearnedCampaign(StrictModel):
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
     reference_temperature_degC: float  # noqa: N815 - the unit is spelt as in the campaign files
-    screw_pitch_m: float | None = None  # travel of a leg a turn of its screw
-    truss_span_m: float | None = None  # length of the rails
-    ladle_tare_kg: float | None = None  # mass of the empty ladle
+    screw_pitch_m: pydantic.PositiveFloat | None = None  # travel of a leg a turn of its screw
+    truss_span_m: pydantic.PositiveFloat | None = None  # length of the rails
+    ladle_tare_kg: pydantic.PositiveFloat | None = None  # mass of the empty ladle
     # centre of mass of the ladle in the moving platform's frame
     ladle_centre_of_mass_m: tuple[float, float, float] | None = None
+
+    @pydantic.field_validator("ranges")
+    @classmethod
+    def _run_upwards(cls, ranges: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        for heading, (low, high) in ranges.items():
+            if low > high:
+                raise ValueError(f"the range of '{heading}' runs down, from {low:g} to {high:g}")
+        return ranges
 
     @property
     def timed(self) -> bool:

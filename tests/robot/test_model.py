@@ -94,6 +94,7 @@ def test_own_layouts_file_is_relative_to_the_model(tmp_path):
         RobotModel.load(path)
 
 
+LEARNED = "learned:\n  c:\n    sessions: {'1': 9}\n    mean_span_m: []\n    reference_temperature_degC: 20\n"
 PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
 
 
@@ -112,6 +113,10 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[0, 0]\n", "line 5"),
         (HEAD + PLACED + "[0, 0, 0, 0]\n", "line 5"),
         (HEAD + PLACED + "[a, 0, 0]\n", "line 5: .*it is 'a'"),
+        (HEAD + PLACED + "[0, 0, true]\n", "line 5: .*it is True"),
+        (HEAD + PLACED + "[0, 0, '1']\n", "line 5: .*it is '1'"),
+        (HEAD + LEARNED + "    ranges: {q1_m: [0.9, 0.1]}\n", "'q1_m' runs down, from 0.9 to 0.1"),
+        (HEAD + LEARNED + "    ladle_tare_kg: -180\n", "ladle_tare_kg.*greater than 0"),
         (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is no placement error.*check the unit"),
         (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200 mrad is no placement error"),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
