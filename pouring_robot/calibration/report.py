@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from pouring_robot.calibration.findings import (
     SEEN,
     CalibrationFindings,
@@ -33,15 +35,18 @@ SHOWN, WIDTH = 6, 60
 
 def headline(calibration: CalibrationFindings) -> str:
     """Return the outcome in one sentence."""
-    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    floor = noise_floor(calibration)
+    test = np.setdiff1d(calibration.split.test, calibration.left_out)
+    before, after = (vars(calibration.misfit(test, after=a)) for a in (False, True))
+    floor, units = noise_floor(calibration), [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
+    unseen = calibration.noise.unseen(np.flatnonzero(np.isfinite(calibration.before[test]).any(axis=0)))
     if not calibration.changed:
-        what = "No geometry found that explains the error" if calibration.inflation > 1.0 else "Nothing to calibrate"
-        return f"{what}: held-out rows are at {before.rms_mm:.3f} mm RMS, noise {floor['rms_mm']:.3f} mm."
-    turned = math.isfinite(after.rms_mrad)
-    turn = f" and {before.rms_mrad:.3f} to {after.rms_mrad:.3f} mrad" if turned else ""
-    noise = f"{floor['rms_mm']:.3f} mm" + (f" and {floor['rms_mrad']:.3f} mrad" if turned else "")
-    return f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {noise}."
+        what, key = "Nothing to calibrate", f"rms_{units[0]}"
+        if calibration.inflation > 1.0:
+            what = "No geometry found that explains the error"
+        return f"{what}: held-out rows{unseen} are at {before[key]:.3f} {units[0]} RMS, noise {floor[key]:.3f} {units[0]}."
+    first, *others = (f"{before[f'rms_{unit}']:.3f} to {after[f'rms_{unit}']:.3f} {unit}" for unit in units)
+    errors, noise = (f"{first} RMS", *others), (f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
+    return f"Held-out error{unseen} {' and '.join(errors)}; noise floor {' and '.join(noise)}."
 
 
 def gap_table(calibration: CalibrationFindings) -> Table:

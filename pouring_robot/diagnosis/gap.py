@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
-from pouring_robot.estimation.instruments import component_name
+from pouring_robot.estimation.instruments import LENGTHS, are, component_name, kinds_of
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
@@ -55,23 +55,40 @@ class Gap:
     before: FloatArray  # with the given model and its frames fitted, shape (K,), in m and rad
     after: FloatArray  # with the amended model, shape (K,), in m and rad
     floor: FloatArray  # the noise, shape (K,), in m and rad
+    counts: NDArray[np.intp]  # number of values, shape (K,)
 
     @classmethod
     def between(cls, before: WhitenedRows, after: WhitenedRows, rows: Mask, sigma: FloatArray) -> Gap:
         """Return the gap of some rows, by a mask (n,), from residuals of all; sigma (K,) is the noise, in m and rad."""
         size = len(sigma)
         was, left = (_by_component(seen.of(rows), size) for seen in (before, after))
-        return cls(int(rows.sum()), was, left, np.asarray(sigma, float))
+        counts = np.bincount(before.of(rows).component, minlength=size)
+        return cls(int(rows.sum()), was, left, np.asarray(sigma, float), counts)
+
+    @property
+    def seen(self) -> NDArray[np.intp]:
+        """The components of which something was measured."""
+        return np.flatnonzero(self.counts)
 
     def position(self, which: str) -> float:
-        """Return ``before``, ``after`` or ``floor`` over x, y and z, in m; without places, over the rest."""
-        part = slice(0, 3) if np.isfinite(self.before[:3]).any() else slice(6, None)
-        return rms(np.where(np.isfinite(self.before), getattr(self, which), np.nan)[part])
+        """Return ``before``, ``after`` or ``floor`` over all lengths (x, y, z, distances, closures), in m; NaN if none.
+
+        Each value counts once.
+        """
+        return self._over(which, ~are("rotation", np.arange(self.counts.size)))
 
     def rotation(self, which: str) -> float:
-        """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN for positions only."""
-        values = getattr(self, which)[3:6]
-        return rms(values if np.isfinite(self.before[3:6]).any() else np.full(3, np.nan))
+        """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN where none was measured."""
+        return self._over(which, are("rotation", np.arange(self.counts.size)))
+
+    def _over(self, which: str, chosen: Mask) -> float:
+        return rms(np.repeat(getattr(self, which)[chosen], self.counts[chosen]))
+
+    @property
+    def length(self) -> str:
+        """What one value of :meth:`position` is of, in a word."""
+        lengths = [kind for kind in kinds_of(self.seen) if kind in LENGTHS]
+        return {"position": "coordinate"}.get(lengths[0], lengths[0]) if len(lengths) == 1 else "length"
 
     @property
     def closed(self) -> float:
@@ -81,12 +98,12 @@ class Gap:
 
     def metrics(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""
-        kinds, seen = ("before", "after", "floor"), np.flatnonzero(np.isfinite(self.before)).tolist()
+        kinds = ("before", "after", "floor")
         sizes = {f"{which}_rms_mm": self.position(which) / MM for which in kinds}
         sizes |= {f"{which}_rms_mrad": self.rotation(which) / MRAD for which in kinds}
         components = {
             component_name(k): {which: float(getattr(self, which)[k] / component_unit(k)) for which in kinds}
-            for k in seen
+            for k in self.seen.tolist()
         }
         return {"rows": self.rows, **sizes, "components": components}
 

@@ -46,6 +46,11 @@ def kind_of(components: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.asarray(np.searchsorted(_FIRST, components, side="right") - 1, dtype=np.intp)
 
 
+def kinds_of(components: NDArray[np.intp]) -> tuple[Kind, ...]:
+    """Return which kinds components are of, each once."""
+    return tuple(KINDS[place] for place in np.unique(kind_of(components)).tolist())
+
+
 def are(kind: Kind, components: NDArray[np.intp]) -> BoolArray:
     """Return which components are of a kind, same shape."""
     return np.asarray(kind_of(components) == KINDS.index(kind), dtype=np.bool_)
@@ -256,6 +261,12 @@ class NoiseLevel:
     def open_kinds(self) -> tuple[Kind, ...]:
         """The kinds whose noise is what a fit leaves over."""
         return tuple(kind for kind in KINDS if self[kind].source == "residuals")
+
+    def unseen(self, components: NDArray[np.intp]) -> str:
+        """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
+        seen = kinds_of(components)
+        missing = [kind for kind in KINDS if self[kind].source != "none" and kind not in seen]
+        return f" (no {' and no '.join(missing)} measured)" if missing else ""
 
     @property
     def length_kind(self) -> Kind:

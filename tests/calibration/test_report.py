@@ -1,7 +1,11 @@
 """The exit report: every figure a shop-floor engineer asks for is there, once as text and once as a page."""
 
+import dataclasses
 import re
 from html.parser import HTMLParser
+
+import numpy as np
+import pytest
 
 from pouring_robot.calibration.findings import parameter_lines
 from pouring_robot.calibration.report import (
@@ -23,6 +27,20 @@ def test_the_headline_says_the_outcome(found, unchanged):
     assert f"{before:.3f} to {after:.3f} mm" in headline(found)
     assert "noise floor" in headline(found)
     assert headline(unchanged).startswith("Nothing to calibrate")
+
+
+@pytest.mark.parametrize("name", ["found", "unchanged"])
+def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, request):
+    calibration = request.getfixturevalue(name)
+    before, after = calibration.before.copy(), calibration.after.copy()
+    before[calibration.split.test, :3] = after[calibration.split.test, :3] = np.nan
+    said = headline(dataclasses.replace(calibration, before=before, after=after))
+    turned = calibration.misfit(calibration.split.test, after=False).rms_mrad
+    assert "(no position measured)" in said
+    assert f"{turned:.3f}" in said
+    assert "mrad RMS" in said
+    assert " mm" not in said
+    assert "nan" not in said
 
 
 def test_before_after_and_floor_in_mm_and_mrad(found):

@@ -11,7 +11,7 @@ import pytest
 from lxml import etree
 
 from pouring_robot.diagnosis.discrepancy import discrepancies
-from pouring_robot.diagnosis.gap import Gap, in_base
+from pouring_robot.diagnosis.gap import in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
@@ -51,7 +51,7 @@ def written(hot, tmp_path_factory):
 def refused(hot):
     """The same, as if what was found brought the fitted rows no closer."""
     gap = hot.train
-    return replace(hot, train=Gap(gap.rows, gap.before, 2.0 * gap.before, gap.floor))
+    return replace(hot, train=replace(gap, after=2.0 * gap.before))
 
 
 def test_the_page_is_whole_and_needs_no_other_file(hot, page):

@@ -10,6 +10,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode, found
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -79,6 +80,36 @@ def test_the_gap_is_per_coordinate(hot):
     position = (linear.residual * linear.tracker)[linear.component < 3]
     assert gap.position("before") == pytest.approx(math.sqrt((position**2).mean()))
     assert gap.position("floor") == pytest.approx(hot.noise.position_m)
+
+
+def test_a_gap_is_over_the_lengths_there_are():
+    """Two values of x, one of y that the frames absorb, one closure: 3, 4, 0 and 5 by hand."""
+    size = 1e-3 * np.array([math.sqrt(12.5), 0.0, math.nan, 1.0, 1.0, 1.0, math.nan, 5.0])
+    gap = Gap(2, size, size / 2.0, np.full(8, 1e-4), np.array([2, 1, 0, 2, 2, 2, 0, 1]))
+    assert gap.position("before") == pytest.approx(1e-3 * math.sqrt((9.0 + 16.0 + 0.0 + 25.0) / 4.0))
+    assert gap.position("floor") == pytest.approx(1e-4)
+    assert gap.rotation("after") == pytest.approx(0.5e-3)
+    assert gap.length == "length"
+    assert set(gap.metrics()["components"]) == {"x", "y", "rx", "ry", "rz", "closure"}
+
+
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        (slice(3, 6), "Held-out rows (no position measured): {:.3f} mrad RMS a component"),
+        (slice(0, 3), "Held-out rows (no rotation measured): {:.3f} mm RMS a coordinate"),
+    ],
+)
+@pytest.mark.parametrize("refused", ["", "no credible robot"])
+def test_the_gap_says_what_was_not_measured_in_the_rows_held_out(hot, kept, said, refused, monkeypatch):
+    counts = np.zeros(6, dtype=int)
+    counts[kept] = hot.held_out.counts[kept]
+    gap = replace(hot.held_out, counts=counts)
+    monkeypatch.setattr(Conclusions, "refused", refused)
+    sentence = gap_sentence(replace(hot, held_out=gap))
+    part = gap.position("before") if kept.start == 0 else gap.rotation("before")
+    assert sentence.startswith(said.format(1e3 * part))
+    assert "nan" not in sentence
 
 
 def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
@@ -263,7 +294,7 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
 def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
     assert not hot.worse
     gap = hot.held_out
-    diagnosis = replace(hot, held_out=Gap(gap.rows, gap.after, gap.before, gap.floor))
+    diagnosis = replace(hot, held_out=replace(gap, before=gap.after, after=gap.before))
     assert diagnosis.worse
     assert any("do not use it" in line for line in note_lines(diagnosis))
     assert described(diagnosis).description.startswith("Worse on held-out rows")
@@ -283,7 +314,7 @@ def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diag
     gap = hot.train
     assert gap.position("after") < 1.2 * gap.position("floor")
     assert f"data: {flag.message}" not in note_lines(replace(hot, flags=(flag,)))
-    unexplained = replace(hot, flags=(flag,), train=Gap(gap.rows, gap.before, gap.before, gap.floor))
+    unexplained = replace(hot, flags=(flag,), train=replace(gap, after=gap.before))
     assert f"data: {flag.message}" in note_lines(unexplained)
 
 

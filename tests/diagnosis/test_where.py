@@ -200,7 +200,11 @@ def test_absent_and_constant_conditions(full):
     assert "load" in where.sentences[-1]
     rises = {**given.rises, "melt": np.full(len(given), 1.0)}
     constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), rises=rises)
-    assert "load, melt temperature" in disagreements(data, constant).sentences[-1]
+    *found, last = disagreements(data, constant).sentences
+    assert "load, melt temperature" in last
+    bounded = " ".join(found).partition("; with ")[2]
+    assert "platform temperature" in bounded
+    assert not any(word in bounded for word in ("melt", "load"))
     json.dumps(where.as_json(), allow_nan=False)
     assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.as_json()[0])
 

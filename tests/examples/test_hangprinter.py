@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import pouring_robot
+from pouring_robot.diagnosis.report.sentences import gap_sentence
 from pouring_robot.exceptions import BadInputError
 
 MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter"
@@ -95,3 +96,6 @@ def test_a_few_places_beside_the_lines_say_the_same_and_predict_better():
     assert 1e3 * found.held_out.after[closure] < 0.75
     assert 1e3 * found.train.position("after") < 1.0
     assert not np.isfinite(found.held_out.after[:closure]).any()
+    assert found.train.counts[[0, 1, 2, closure]].tolist() == [9, 9, 1, 38]
+    assert 1e3 * found.train.position("before") == pytest.approx(28.686, abs=0.01)
+    assert gap_sentence(found).startswith("Held-out rows (no position measured): 33.957 mm RMS a closure before, ")

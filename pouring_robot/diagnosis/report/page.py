@@ -23,6 +23,10 @@ _ADDED = (
     "Each adds to those of a lower number; the device is taken as set up anew, so the first may add nothing. Who makes "
     "only some makes those of the lowest numbers. Samples are called as in next.csv."
 )
+_ALL = (
+    "Root mean squares of the values measured in these rows: all mm of all lengths (coordinates, distances, closures), all "
+    "mrad of all rotation components."
+)
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
@@ -37,6 +41,7 @@ def html_report(
         Paragraph(gap_sentence(diagnosis), "lead"),
         Paragraph(_rows_used(diagnosis)),
         Heading("Gap before and after"),
+        Paragraph(_ALL),
         Table(*gap_table(diagnosis)),
         first,
     ]

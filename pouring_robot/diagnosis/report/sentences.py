@@ -75,19 +75,23 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     name, gap = diagnosis.shown_gap
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
     turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
-    rotated = bool(np.isfinite(turned).all())
+    rotated = math.isfinite(turned[0])
+    parts = [(before, after, floor, "mm", f" RMS a {gap.length}")] if math.isfinite(before) else []
+    parts += [(*turned, "mrad", "" if parts else " RMS a component")] if rotated else []
+    said = [
+        f"{was:.3f} {unit}{of}, noise {least:.3f} {unit}"
+        if diagnosis.refused
+        else f"{was:.3f} {unit}{of} before, {left:.3f} {unit} after, noise {least:.3f} {unit}"
+        for was, left, least, unit, of in parts
+    ]
+    text = f"{name[0].upper()}{name[1:]}{diagnosis.noise.unseen(gap.seen)}: {'; '.join(said)}"
     if diagnosis.refused:
-        text = f"{name}: {before:.3f} mm RMS a coordinate, noise {floor:.3f} mm"
-        text += f"; {turned[0]:.3f} mrad, noise {turned[2]:.3f} mrad" if rotated else ""
-        return f"{text[0].upper()}{text[1:]}. The model is not amended."
-    text = f"{name}: {before:.3f} mm RMS a coordinate before, {after:.3f} mm after, noise {floor:.3f} mm"
-    if rotated:
-        text += f"; {turned[0]:.3f} mrad before, {turned[1]:.3f} mrad after, noise {turned[2]:.3f} mrad"
+        return f"{text}. The model is not amended."
     # Of a gap that is hardly there, a share says nothing.
     of = " in position" if rotated else ""
     share = "all" if gap.closed > 0.995 else f"{100.0 * gap.closed:.0f} %"
     closed = f" ({share} of the gap{of} closed)" if before > 1.2 * floor else ""
-    return text[0].upper() + text[1:] + closed + "." + _in_turn_text(diagnosis)
+    return f"{text}{closed}.{_in_turn_text(diagnosis)}"
 
 
 def _in_turn_text(diagnosis: Conclusions) -> str:
@@ -107,7 +111,7 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
     for name, gap in diagnosis.gaps.items():
         kind = "held out" if name == "held_out" else "fitted"
         for which in ("before", "floor") if diagnosis.refused else ("before", "after", "floor"):
-            values, seen = getattr(gap, which), np.isfinite(gap.before)
+            values, seen = getattr(gap, which), gap.counts > 0
             cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:6] / MRAD), gap.rotation(which) / MRAD]
             cells += (values[6:] / MM).tolist()
             known = [*seen[:3], True, *seen[3:6], True, *seen[6:]]

@@ -105,7 +105,8 @@ _OPENINGS = {
 
 def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: float, turning: bool) -> str:
     """Return in words what single conditions do at most that were found to do less than the main one."""
-    words = [f.word for f in known_facts(given.robot).values() if f.word and f.word != SIDE]
+    left_out = {"", SIDE, *untested(given)}
+    words = [fact.word for fact in known_facts(given.robot).values() if fact.word not in left_out]
     less = sorted((bounds[f"{where} by {w}"], w) for w in words if bounds.get(f"{where} by {w}", np.inf) < size)
     if not less:
         return ""
