@@ -43,7 +43,9 @@ def headline(calibration: CalibrationFindings) -> str:
         what, key = "Nothing to calibrate", f"rms_{units[0]}"
         if calibration.inflation > 1.0:
             what = "No geometry found that explains the error"
-        return f"{what}: held-out rows{unseen} are at {before[key]:.3f} {units[0]} RMS, noise {floor[key]:.3f} {units[0]}."
+        return (
+            f"{what}: held-out rows{unseen} are at {before[key]:.3f} {units[0]} RMS, noise {floor[key]:.3f} {units[0]}."
+        )
     first, *others = (f"{before[f'rms_{unit}']:.3f} to {after[f'rms_{unit}']:.3f} {unit}" for unit in units)
     errors, noise = (f"{first} RMS", *others), (f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
     return f"Held-out error{unseen} {' and '.join(errors)}; noise floor {' and '.join(noise)}."

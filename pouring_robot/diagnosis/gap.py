@@ -78,7 +78,7 @@ class Gap:
         return self._over(which, ~are("rotation", np.arange(self.counts.size)))
 
     def rotation(self, which: str) -> float:
-        """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN where none was measured."""
+        """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN if none was measured."""
         return self._over(which, are("rotation", np.arange(self.counts.size)))
 
     def _over(self, which: str, chosen: Mask) -> float:

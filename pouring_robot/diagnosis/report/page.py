@@ -24,8 +24,8 @@ _ADDED = (
     "only some makes those of the lowest numbers. Samples are called as in next.csv."
 )
 _ALL = (
-    "Root mean squares of the values measured in these rows: all mm of all lengths (coordinates, distances, closures), all "
-    "mrad of all rotation components."
+    "Root mean squares of the values measured in these rows: all mm of all lengths (coordinates, distances, closures), "
+    "all mrad of all rotation components."
 )
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14

@@ -74,10 +74,10 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     """Return the gap before and after in one sentence: of held-out rows where there are any."""
     name, gap = diagnosis.shown_gap
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
-    turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
-    rotated = math.isfinite(turned[0])
+    turn, left_turn, least_turn = (gap.rotation(which) / MRAD for which in ("before", "after", "floor"))
+    rotated = math.isfinite(turn)
     parts = [(before, after, floor, "mm", f" RMS a {gap.length}")] if math.isfinite(before) else []
-    parts += [(*turned, "mrad", "" if parts else " RMS a component")] if rotated else []
+    parts += [(turn, left_turn, least_turn, "mrad", "" if parts else " RMS a component")] if rotated else []
     said = [
         f"{was:.3f} {unit}{of}, noise {least:.3f} {unit}"
         if diagnosis.refused
