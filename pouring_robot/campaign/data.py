@@ -165,7 +165,8 @@ class Campaign(Result):
         """Write and return the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
 
         Raises:
-            OutputError: a file is there already and ``overwrite`` is not set, or it cannot be written.
+            OutputError: a file is there already and ``overwrite`` is not set, it cannot be written, or the suffix is
+                none that is.
         """
         files = self.contents(Path(path))
         check_outputs(list(files), overwrite=overwrite)
@@ -177,7 +178,7 @@ class Campaign(Result):
         """Return what the two files of the campaign would hold, by path.
 
         Raises:
-            OutputError: the suffix is that of the YAML file.
+            OutputError: the suffix is none of a table that is written.
         """
         return campaign_files(path, self._columns(), self.metadata)
 

@@ -13,8 +13,9 @@ from ruamel.yaml import YAML
 
 from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
 from pouring_robot.exceptions import CampaignError, CampaignFileError, OutputError
+from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
-from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
+from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
@@ -177,16 +178,22 @@ def metadata_text(metadata: CampaignMetadata) -> str:
     return stream.getvalue()
 
 
+def check_table_name(path: Path) -> None:
+    """Refuse the name of a campaign's table, by its suffix, before the work; raises OutputError."""
+    if path.suffix.lower() in (".yaml", ".yml"):
+        raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
+    check_ending(path, (*CSV_SUFFIXES, *PARQUET_SUFFIXES))
+
+
 def campaign_files(
     path: Path, columns: Iterable[tuple[Quantity, FloatArray | Sequence[str]]], metadata: CampaignMetadata
 ) -> dict[Path, bytes]:
     """Return what the two files of a campaign hold, by path: the table, CSV or Parquet by its suffix, and the YAML.
 
-    Columns hold their n values in inner units; labels that are all empty are left out. Raises OutputError if the suffix
-    is that of the YAML file.
+    Columns hold their n values in inner units; labels that are all empty are left out. Raises OutputError as
+    :func:`check_table_name`.
     """
-    if path.suffix.lower() in (".yaml", ".yml"):
-        raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
+    check_table_name(path)
     cells: dict[str, list[str]] = {}
     for column, values in columns:
         if column.kind == "label":

@@ -93,6 +93,11 @@ class FlagCode(enum.StrEnum):
         _WARNING,
         "export the drives with all their digits; until then state a noise that holds the rounding",
     )
+    NOT_COMPARED = (
+        "not_compared",
+        _WARNING,
+        "measure the position, too; until then no mistake of units, axes, signs or rows is seen",
+    )
     DRIVE_UNIT = "drive_unit", _ERROR, "correct the unit at the end of the column's name"
     POSITION_UNIT = "position_unit", _ERROR, "correct the unit at the end of the columns' names"
     ROTATION_UNIT = "rotation_unit", _ERROR, "correct the unit at the end of the columns' names"

@@ -6,7 +6,6 @@ a fifth or less is named, and undone for the checks that follow. Before that it 
 places of their own, though the campaign says that they did not.
 """
 
-import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 
@@ -17,7 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
-from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
 from pouring_robot.checks.units_and_axes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
@@ -83,9 +82,11 @@ class FrameChecks:
         self.data = Comparison(drives, poses, campaign.position_m, campaign.rotation_vector_rad)
         # Without different poses the frames are anything, and so is what they say of the data.
         if distinct_poses(campaign) >= FEWEST_ROWS:
-            with contextlib.suppress(FrameFitError):  # too few rows within reach, which are flagged
+            try:
                 self._positions()
                 self._rotations()
+            except FrameFitError:
+                self._not_compared()
         self._unreachable()
 
     def _drive_units(self, drives: FloatArray) -> FloatArray:
@@ -128,6 +129,28 @@ class FrameChecks:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
             names = columns.drive_names(self.campaign.robot)
             self._found(FlagCode.UNREACHABLE_DRIVES, message, names, {"rows": float(rows.size)}, rows)
+
+    def _not_compared(self) -> None:
+        """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""
+        seen, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
+        whole, turned_only = int(seen.all(axis=1).sum()), np.flatnonzero(turned & ~seen.any(axis=1))
+        if whole >= FEWEST_ROWS or not (seen.any() or turned.any()):
+            return  # what is measured in distances or closures alone was never to be compared
+        message = (
+            f"drives and measurements cannot be compared: {whole} rows have a whole position, and the two frames need "
+            f"{FEWEST_ROWS}"
+        )
+        severity = Severity.NOTE  # single coordinates are measured on purpose
+        if turned_only.size:
+            message += f"; a rotation only is in {where(self.campaign, turned_only)}"
+            # Without any length nobody knows where the tracker stood.
+            severity = Severity.WARNING if seen.any() or self.campaign.distance_m is not None else Severity.ERROR
+        figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}
+        self.flags.append(
+            found(
+                self.campaign, FlagCode.NOT_COMPARED, message, turned_only, columns.POSITION, figures, severity=severity
+            )
+        )
 
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)

@@ -59,9 +59,11 @@ def plan(
     from pouring_robot.design.request import PlanRequest
     from pouring_robot.design.result import plot
     from pouring_robot.estimation.instruments import NoiseLevel
-    from pouring_robot.io.files import write_together
+    from pouring_robot.io.files import check_ending, write_together
+    from pouring_robot.io.tables import CSV_SUFFIXES
     from pouring_robot.robot.tolerances import Tolerances
 
+    check_ending(out, CSV_SUFFIXES)
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
     present = which.built()
@@ -218,12 +220,14 @@ def simulate(
     truth: Annotated[Path | None, options.writes("Write what was hidden (frames, outliers) as JSON.")] = None,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
+    from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
     from pouring_robot.io.files import write_together
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
+    check_table_name(out)
     options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
     present = which.built(under=True)
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)

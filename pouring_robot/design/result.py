@@ -14,8 +14,8 @@ from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.files import write_whole
-from pouring_robot.io.tables import csv_text
+from pouring_robot.io.files import check_ending, write_whole
+from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
@@ -166,6 +166,7 @@ class MeasurementPlan(Result):
 
     def save(self, path: Path | str) -> Path:
         """Write the plan's file, which ``campaign simulate`` reads, whole or not at all; raises OutputError if not."""
+        check_ending(Path(path), CSV_SUFFIXES)
         return write_whole(path, self.csv())
 
     def figures(self) -> dict[str, Any]:

@@ -210,6 +210,17 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
         raise OutputError(paths[-1], "two outputs have the same file name; give each its own")
 
 
+def check_ending(path: Path, endings: Sequence[str]) -> None:
+    """Refuse a file whose name promises a format that is not written; a pipe or a device promises none.
+
+    Raises:
+        OutputError: the name has none of the endings (in small letters, with their point); says which there are.
+    """
+    if path.suffix.lower() not in endings and (path.is_file() or not path.exists()):
+        other = f"as {path.suffix}" if path.suffix else "without an ending"
+        raise OutputError(path, f"it is written as {' or '.join(endings)}, not {other}; end its name so")
+
+
 def check_folder(folder: Path | str) -> Path:
     """Find out before the work whether results can be put into a folder, which may not be there yet; return its path.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError, closest
 
+CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000

@@ -141,8 +141,9 @@ def test_writes_both_files_or_none(tmp_path, clean, monkeypatch):
         clean.campaign.save(path, overwrite=True)
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["c.csv"]
-    with pytest.raises(OutputError, match="beside it"):
-        clean.campaign.save(tmp_path / "c.yaml")
+    for name, words in {"c.yaml": "beside it", "c.xlsx": "not as .xlsx"}.items():
+        with pytest.raises(OutputError, match=words):
+            clean.campaign.save(tmp_path / name)
 
 
 def test_truth_is_json(real):

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
 from pouring_robot.exceptions import CampaignError
 from scripts.studies.wrong_data import sound
@@ -141,6 +141,11 @@ DAMAGES = {
         lambda c: damaged(c, drives=exchange(0, 2)),
         lambda c: damaged(c, drives=exchange(0, 1)),
         lambda c: damaged(c, drives=lambda v: v[:, [1, 2, 0, 3]]),
+    ],
+    "not_compared": [
+        lambda c: damaged(c, position_m=set_rows(slice(4, None), slice(None), np.nan)),
+        lambda c: damaged(c, position_m=set_rows(slice(4, None), 2, np.nan), rotation_vector_rad=None),
+        lambda c: damaged(c, position_m=set_rows(slice(None), slice(None), np.nan)),
     ],
     "no_agreement": [lambda c: damaged(c, position_m=lambda v: np.random.default_rng(1).permutation(v))],
     "unreachable_drives": [lambda c: damaged(c, drives=set_rows([7], 0, 1.9))],
@@ -368,6 +373,19 @@ def test_a_rough_error_of_one_drive_is_no_noise(drawing, clean):
 def test_a_few_rows_that_are_far_off_are_left_out_and_the_rest_is_used(clean, drawing):
     off = damaged(clean.campaign, position_m=set_rows([7, 20], 0, 0.5))
     assert usable_without(off, check_campaign(off, drawing.kinematics)).tolist() == [7, 20]
+
+
+@pytest.mark.parametrize(("rows", "severity"), [(4, Severity.WARNING), (0, Severity.ERROR)])
+def test_says_which_rows_have_a_rotation_only_and_why_nothing_was_compared(clean, drawing, rows, severity):
+    turned = damaged(clean.campaign, position_m=set_rows(slice(rows, None), slice(None), np.nan))
+    found = examine(turned, drawing.kinematics)
+    (flag,) = found.flags
+    assert found.fit is None and flag.severity is severity
+    assert f"{rows} rows have a whole position, and the two frames need 6; a rotation only is in" in flag.message
+    assert flag.rows == tuple(range(rows, len(turned)))
+    if severity is Severity.ERROR:  # a fit would have no length at all
+        with pytest.raises(CampaignError, match="0 rows have a whole position"):
+            usable_without(turned, found.flags)
 
 
 def test_data_that_are_wrong_as_a_whole_or_in_most_rows_are_refused(clean, drawing):
