@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import pydantic
-from pydantic import Field, Strict
+from pydantic import Field
 from ruamel.yaml import YAML
 
 from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
@@ -19,8 +19,7 @@ from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 
-_Number = Annotated[float, Strict()]
-_Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]
+_Size = Annotated[float, Field(gt=0.0, lt=1e9)]
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
 PER_SESSION: Frames = "per session"
@@ -105,7 +104,7 @@ class _Section(StrictModel):
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
     """Return a section of the file as a field: its type, and what it is where it is left out."""
     units = _UNITS[name]
-    sizes = {fact: tuple[_Number, _Number, _Number] if "centre" in fact else _Size for fact in units}
+    sizes = {fact: Triple if "centre" in fact else _Size for fact in units}
     keys: dict[str, Any] = {key: (sizes[fact] | None, None) for fact, per_unit in units.items() for key in per_unit}
     kind = pydantic.create_model(f"_{name}", __base__=_Section, **keys, **more)
     kind.units = units
@@ -118,8 +117,8 @@ _FIELDS: dict[str, Any] = {
     "description": (str, ""),
     "metrology": _section("metrology", target=(str, "moving_platform"), frame=(str, "tracker"), frames=(Frames, "one")),
     **{name: _section(name) for name in ("drives", "truss", "ladle")},
-    _TEMPERATURE: (Annotated[_Number, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None, None),
-    "reference_temperature_K": (Annotated[_Number, Field(ge=0.0, lt=1e4)] | None, None),
+    _TEMPERATURE: (Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None, None),
+    "reference_temperature_K": (Annotated[float, Field(ge=0.0, lt=1e4)] | None, None),
 }
 _FILE: Any = pydantic.create_model("_FILE", __base__=_Section, **_FIELDS)
 _FILE.units = {_TEMPERATURE: {_TEMPERATURE: 1.0, "reference_temperature_K": 1.0}}

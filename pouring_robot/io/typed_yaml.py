@@ -6,24 +6,54 @@ and :func:`validate`, so that a misspelt key is reported in the same words every
 
 import difflib
 import functools
+import numbers
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import pydantic
+from pydantic_core import CoreSchema, PydanticKnownError
+from pydantic_core.core_schema import no_info_before_validator_function
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import DescriptionError
 
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
+_REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
+
+
+def _numbers_only(schema: Any) -> Any:
+    """Return a part of a schema in which the text "350" and the switch `true` are not turned into numbers."""
+    if isinstance(schema, list):
+        return [_numbers_only(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    whole = {key: _numbers_only(part) for key, part in schema.items()}
+    if schema.get("type") not in ("float", "int"):  # of fields by name, "type" may be one
+        return whole
+    # Pydantic's own strictness would refuse 1e4 where a whole number is wanted, too.
+    return no_info_before_validator_function(functools.partial(_a_number, _REFUSED_AS[schema["type"]]), whole)
+
+
+def _a_number(refused_as: Literal["float_type", "int_type"], value: Any) -> Any:
+    if isinstance(value, bool | ScalarBoolean) or not isinstance(value, numbers.Real):
+        raise PydanticKnownError(refused_as)
+    return value
 
 
 class StrictModel(pydantic.BaseModel):
-    """Base of all file models: immutable, no unknown keys, no NaN or infinity."""
+    """Base of all file models: immutable, no unknown keys, numbers are numbers, no NaN or infinity."""
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
+        """Return pydantic's schema of the model, but that only numbers count as numbers."""
+        schema: CoreSchema = _numbers_only(handler(source))
+        return schema
 
 
 def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError) -> CommentedMap:

@@ -14,6 +14,8 @@ class Part(StrictModel):
 
     mass_kg: float = pydantic.Field(gt=0)
     name: str = ""
+    teeth: int = 0
+    place_mm: tuple[float, float] | None = None
 
 
 class Machine(StrictModel):
@@ -44,6 +46,8 @@ def test_reads_what_is_right(written):
     machine = read(written("parts:\n- {mass_kg: 2}\nnamed: {a: {mass_kg: 3.5, name: lever}}\n"))
     assert machine.parts[0].mass_kg == 2.0
     assert machine.named["a"].name == "lever"
+    part = read(written("base: {mass_kg: 1e3, teeth: 1.2e+1, place_mm: [0, -1]}\n")).base
+    assert part == Part(mass_kg=1000.0, teeth=12, place_mm=(0.0, -1.0))
 
 
 @pytest.mark.parametrize(
@@ -56,6 +60,13 @@ def test_reads_what_is_right(written):
         ("named:\n  a: {mass_kg: -1}\n", 2, "named.a.mass_kg"),
         ("named:\n  a: {mass_kg: .nan}\n", 2, "finite"),
         ("named:\n  a: {mass_kg: heavy}\n", 2, "it is 'heavy'"),
+        ("named:\n  a: {mass_kg: '3'}\n", 2, r"'named.a.mass_kg': .* valid number \(it is '3'\)"),
+        ("named:\n  a:\n    mass_kg: true\n", 3, r"valid number \(it is True\)"),
+        ("parts:\n- mass_kg: 1\n  place_mm: [1, true]\n", 3, "'parts.0.place_mm.1': .* valid number"),
+        ("base:\n  mass_kg: 1\n  place_mm: [1, &on true]\n", 3, "'base.place_mm.1': .* valid number"),
+        ("base: {mass_kg: 1, teeth: '12'}\n", 1, r"valid integer \(it is '12'\)"),
+        ("base: {mass_kg: 1, teeth: false}\n", 1, r"valid integer \(it is False\)"),
+        ("base: {mass_kg: 1, teeth: 12.5}\n", 1, "integer"),
         ("party:\n- 1\n", 1, "unknown key 'party'; did you mean 'parts'"),
         ("parts: 5\n", 1, "it is 5"),
         ("party: 1\nformat: ship/1\n", 2, r"'machine/1' \(it is 'ship/1'\) \(and 1 more\)"),

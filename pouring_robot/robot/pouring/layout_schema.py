@@ -8,12 +8,9 @@ import math
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
 from pydantic import AfterValidator, Field
-from pydantic import Strict as OnlyOfType
 
 from pouring_robot.io.typed_yaml import StrictModel
 
-# Only numbers count as numbers: the text "350" and the switch `true` would otherwise be turned into one.
-_Number = Annotated[float, OnlyOfType()]
 _PER_SI = {"mm": 1000.0, "m": 1.0, "rad": 1.0, "deg": 180.0 / math.pi}
 
 
@@ -23,10 +20,10 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Size = Annotated[_Number, Field(gt=0.0)]
-Bounds = Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
-Point = tuple[_Number, _Number, _Number]
-Share = Annotated[_Number, Field(ge=0.0, le=1.0)]
+Size = Annotated[float, Field(gt=0.0)]
+Bounds = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Point = tuple[float, float, float]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 MeshName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.(stl|obj)$")]
 
 

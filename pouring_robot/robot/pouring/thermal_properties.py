@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
-from pydantic import Strict as OnlyOfType
 
 from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
@@ -20,11 +19,11 @@ from pouring_robot.robot.pouring.names import LEGS
 PARTS = (*LEGS, "platform", "fixed_platform")
 """Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
 
-_Celsius = Annotated[float, OnlyOfType(), Field(ge=ABSOLUTE_ZERO_DEGC)]
-_Fraction = Annotated[float, OnlyOfType(), Field(gt=0.0, le=1.0)]
-_Share = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1.0)]
-_Thickness = Annotated[float, OnlyOfType(), Field(ge=0.0)]
-_Expansion = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1e-3)]
+_Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
+_Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Thickness = Annotated[float, Field(ge=0.0)]
+_Expansion = Annotated[float, Field(ge=0.0, le=1e-3)]
 
 
 class Temperature(Entry[_Celsius, Literal["degC"]]):
