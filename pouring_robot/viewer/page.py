@@ -29,7 +29,16 @@ from pouring_robot.viewer.scene import (
     at_step,
     legend,
 )
-from pouring_robot.viewer.shapes import Shape, camera_around, camera_on, colours_at, outline, robot_solids, shape_of, view_height
+from pouring_robot.viewer.shapes import (
+    Shape,
+    camera_around,
+    camera_on,
+    colours_at,
+    outline,
+    robot_solids,
+    shape_of,
+    view_height,
+)
 
 Content = dict[str, Any]
 
