@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.tables import LARGEST, Table, read_table
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
@@ -32,7 +32,6 @@ UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
 Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
 """
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units}
-_LARGEST = 1e9  # no quantity comes near this, in any of its units; what does is a broken number
 
 
 def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
@@ -111,7 +110,7 @@ def read_quantities(
 
 
 def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.sparse_numbers(index, _LARGEST)
+    values = table.sparse_numbers(index, LARGEST)
     if not UNITS[quantity.kind]:
         return values
     unit = table.headings[index][len(quantity.name) + 1 :]

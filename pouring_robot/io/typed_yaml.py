@@ -9,7 +9,7 @@ import functools
 import numbers
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
 from pydantic_core import CoreSchema, PydanticKnownError
@@ -20,7 +20,9 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.tables import LARGEST
 
+Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
 _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 
