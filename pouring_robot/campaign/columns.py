@@ -10,8 +10,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 POSITION, ROTATION = robot_file.POSITION, robot_file.ROTATION
 DISTANCE, DISTANCE_FROM = robot_file.DISTANCE
-MEASURED = (*POSITION, *ROTATION, DISTANCE)
-AMBIENT = "ambient"
+MEASURED, AMBIENT = robot_file.MEASURED, robot_file.AMBIENT
 
 
 def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
@@ -21,45 +20,27 @@ def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
 
 def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the columns that say from which side a drive came: +1 rising, -1 falling."""
-    return tuple(f"approach_{name}" for name in drive_names(robot))
+    return tuple(drive.approach_column for drive in robot.drives)
 
 
 def force_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the columns that say what a drive carries: tension or the moment along its motion is positive."""
-    return tuple(f"force_{name}" for name in drive_names(robot))
-
-
-def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return what may be known of a pose besides drives and measurement; every one is optional."""
-    taken = {*drive_names(robot), *MEASURED, "time", "payload", *robot.travels, AMBIENT}
-    parts = (name for name in robot.thermometers if name not in taken)
-    return (
-        Quantity("session", "label"),
-        Quantity("time", "time"),
-        *(Quantity(name, "sign") for name in approach_names(robot)),
-        *(
-            Quantity(n, "force" if d.unit == "m" else "moment")
-            for n, d in zip(force_names(robot), robot.drives, strict=True)
-        ),
-        Quantity("payload", "mass"),
-        *(Quantity(name, "length") for name in robot.travels),
-        *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),
-    )
+    return tuple(drive.force_column for drive in robot.drives)
 
 
 def condition_headings(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the headings that columns of conditions may have."""
-    return tuple(heading for quantity in condition_columns(robot) for heading in quantity.headings)
+    return tuple(heading for quantity in robot.condition_columns for heading in quantity.headings)
 
 
 def condition_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the conditions that are one number a row: neither names nor sides of approach."""
-    return tuple(q.name for q in condition_columns(robot) if q.kind not in ("label", "sign", "force", "moment"))
+    return tuple(q.name for q in robot.condition_columns if q.kind not in ("label", "sign", "force", "moment"))
 
 
 def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
     """Return the columns of a campaign file: what was measured are places, poses, distances, or redundant drives."""
-    session, time, *others = condition_columns(robot)
+    session, time, *others = robot.condition_columns
     placed = not robot.loops.redundant_drives
     return (
         Quantity("sample", "label"),

@@ -317,7 +317,7 @@ class Campaign(Result):
         What depends on them cannot be tested with it.
         """
         spared = {*self.robot.thermometers} - {*self.robot.expected_thermometers}
-        known = (q for q in columns.condition_columns(self.robot) if q.kind != "label" and q.name not in spared)
+        known = (q for q in self.robot.condition_columns if q.kind != "label" and q.name not in spared)
         names = [q.canonical for q in known if self.quantity(q.name) is None]
         return tuple(names if "session" in self.headings else ["session", *names])
 

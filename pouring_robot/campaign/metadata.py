@@ -17,10 +17,9 @@ from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 
-_Size = Annotated[float, Field(gt=0.0, lt=1e9)]
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
@@ -37,12 +36,12 @@ class CampaignMetadata(StrictModel):
     target: str = "moving_platform"  # the body the target sits on; where on it is unknown and always fitted
     frame: str = "tracker"  # in which measurements are given; where it stands is unknown and always fitted
     frames: Frames = "one"  # whether that is one place, or the tracker was set up anew in each session
-    sigma_position_m: _Size | None = None  # standard deviation of a measured coordinate
-    sigma_rotation_rad: _Size | None = None  # of a component of the measured rotation
-    sigma_distance_m: _Size | None = None  # of a distance
-    sigma_closure_m: _Size | None = None  # of what redundant drives disagree by
-    screw_pitch_m: _Size | None = None  # travel of a leg a turn of its screw
-    truss_span_m: _Size | None = None  # length of the rails
+    sigma_position_m: Size | None = None  # standard deviation of a measured coordinate
+    sigma_rotation_rad: Size | None = None  # of a component of the measured rotation
+    sigma_distance_m: Size | None = None  # of a distance
+    sigma_closure_m: Size | None = None  # of what redundant drives disagree by
+    screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
+    truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
     ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
     # at which the drawing holds
@@ -107,7 +106,7 @@ def _section(name: str, **more: Any) -> tuple[Any, _Section]:
     """Return a section of the file as a field: its type, and what it is where it is left out."""
     units = _UNITS[name]
     others: dict[str, Any] = {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}
-    sizes = {fact: others.get(fact, _Size) for fact in units}
+    sizes = {fact: others.get(fact, Size) for fact in units}
     keys: dict[str, Any] = {key: (sizes[fact] | None, None) for fact, per_unit in units.items() for key in per_unit}
     kind = pydantic.create_model(f"_{name}", __base__=_Section, **keys, **more)
     kind.units = units

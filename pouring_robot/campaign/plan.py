@@ -43,7 +43,7 @@ class PosePlan:
 
     def given(self, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
         """Return the conditions by heading in inner units; sessions where there are several."""
-        numbers = {q.canonical: self.conditions.get(q.name) for q in columns.condition_columns(robot)}
+        numbers = {q.canonical: self.conditions.get(q.name) for q in robot.condition_columns}
         sessions = {"session": self.sessions} if len(set(self.sessions)) > 1 else {}
         return {heading: values for heading, values in numbers.items() if values is not None} | sessions
 
@@ -63,7 +63,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
     """
     definition = robot.model.definition
     wanted = definition.command_columns
-    known = (Quantity("sample", "label"), *wanted, *columns.condition_columns(definition))
+    known = (Quantity("sample", "label"), *wanted, *definition.condition_columns)
     example = ", ".join(axis.heading for axis in robot.command_axes)
     table = read_quantities(path, known, example, CampaignError)
     values = definition.command_values(table.numbers)

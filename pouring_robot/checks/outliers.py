@@ -271,7 +271,7 @@ def _smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = Tru
 def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
     """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
     pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
-    kinds = {quantity.name: quantity.kind for quantity in columns.condition_columns(campaign.robot)}
+    kinds = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
     kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
     conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)

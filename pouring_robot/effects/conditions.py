@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.campaign.columns import approach_names, condition_columns, force_names
+from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.robot_causes import causes_of
@@ -286,9 +286,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
 
 def told(campaign: Campaign) -> dict[str, FloatArray]:
     """Return drives and conditions that a campaign has, (n,) each, by heading in inner units."""
-    robot = campaign.robot
-    asked = [q for q in (*robot.drive_columns, *condition_columns(robot)) if q.kind not in ("label", "sign")]
-    found = {q.canonical: campaign.command(q.name) for q in asked}
+    found = {q.canonical: campaign.command(q.name) for q in campaign.robot.ranged_columns}
     return {heading: values for heading, values in found.items() if values is not None}
 
 

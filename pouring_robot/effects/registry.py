@@ -129,7 +129,7 @@ def stack_of(
             continue
         effect = known.get(entry.effect)
         if effect is None:
-            raise BadInputError(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
+            raise model.fault(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
         if not (effect.moves_robot or seen):
             continue
         learned = model.learned.get(entry.learned)
@@ -141,16 +141,19 @@ def stack_of(
         missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
             raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
-        form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+        try:
+            form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+        except BadInputError as problem:
+            raise model.fault(str(problem)) from problem
         for name, parameter in entry.parameters.items():
             if name not in form and lost:
                 raise MissingConditionsError(entry.effect, lost)
             if name not in form:
                 said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
-                raise BadInputError(f"{said} under the conditions of this campaign{closest(name, form)}")
+                raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
             if parameter.unit != form[name].unit:
                 said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
-                raise BadInputError(f"{said}; it must be in '{form[name].unit}'")
+                raise model.fault(f"{said}; it must be in '{form[name].unit}'")
             if parameter.value and not _is_known(form[name]):
                 some = replace(rows, session=np.full_like(rows.session, -1))
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])

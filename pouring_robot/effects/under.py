@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch import engine_for
-from pouring_robot.campaign.columns import approach_names, condition_columns, condition_headings
+from pouring_robot.campaign.columns import approach_names, condition_headings
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
@@ -51,7 +51,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
 
     Raises BadInputError if a heading is no condition of the robot, one is said twice, or a value is impossible.
     """
-    known = {heading: quantity for quantity in condition_columns(robot) for heading in quantity.headings}
+    known = {heading: quantity for quantity in robot.condition_columns for heading in quantity.headings}
     found: dict[str, Any] = {}
     for heading, values in given.items():
         if heading not in known:
@@ -110,7 +110,7 @@ class RobotUnderConditions:
         self.given = understood(self.definition, given)
         lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]
         if lost:
-            raise BadInputError(
+            raise robot.model.fault(
                 f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so nobody knows what "
                 "it does elsewhere; diagnose that campaign again"
             )
@@ -144,8 +144,8 @@ class RobotUnderConditions:
             found, untold = stack_of(self.robot.model, given, counted, seen=False)
         except MissingConditionsError as problem:
             if problem.headings == ("time_s",) and "time_s" in given:
-                said = f"the model's effect '{problem.effect}' was learned in a campaign without times"
-                raise BadInputError(f"{said}, so nobody knows what it does elsewhere; take it out") from problem
+                said = f"the model's effect '{problem.effect}' was learned in a campaign without times, so nobody knows"
+                raise self.robot.model.fault(f"{said} what it does elsewhere; take it out") from problem
             raise
         self.notes = (*self._notes(given), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.tables import LARGEST, Table, read_table
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 
 Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
@@ -34,7 +34,6 @@ Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m the
 LIMITS: dict[Kind, tuple[float, float]] = {"mass": (0.0, 1e4), "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC)}
 """What loads and temperatures lie between, in inner units; beyond is no load or temperature of any robot."""
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units}
-_LARGEST = 1e9  # no quantity comes near this, in any of its units; what does is a broken number
 
 
 def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
@@ -126,7 +125,7 @@ def read_quantities(
 
 
 def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.sparse_numbers(index, _LARGEST)
+    values = table.sparse_numbers(index, LARGEST)
     if not UNITS[quantity.kind]:
         return values
     inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])

@@ -17,6 +17,8 @@ CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000
+LARGEST = 1e9
+"""No quantity comes near this, in any of its units; what does is a broken number."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import functools
 import numbers
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
 from pydantic_core import CoreSchema, PydanticKnownError
@@ -20,12 +20,11 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.tables import LARGEST
 
+Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
-
-
-_Refusal = Literal["float_type", "int_type"]
-_REFUSALS: dict[str, _Refusal] = {"float": "float_type", "int": "int_type"}
+_REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 
 
 def _numbers_only(schema: Any) -> Any:
@@ -35,14 +34,15 @@ def _numbers_only(schema: Any) -> Any:
     if not isinstance(schema, dict):
         return schema
     whole = {key: _numbers_only(part) for key, part in schema.items()}
-    refusal = _REFUSALS.get(str(schema.get("type")))
+    if schema.get("type") not in ("float", "int"):  # of fields by name, "type" may be one
+        return whole
     # Pydantic's own strictness would refuse 1e4 where a whole number is wanted, too.
-    return no_info_before_validator_function(functools.partial(_a_number, refusal), whole) if refusal else whole
+    return no_info_before_validator_function(functools.partial(_a_number, _REFUSED_AS[schema["type"]]), whole)
 
 
-def _a_number(otherwise: _Refusal, value: Any) -> Any:
+def _a_number(refused_as: Literal["float_type", "int_type"], value: Any) -> Any:
     if isinstance(value, bool | ScalarBoolean) or not isinstance(value, numbers.Real):
-        raise PydanticKnownError(otherwise)
+        raise PydanticKnownError(refused_as)
     return value
 
 

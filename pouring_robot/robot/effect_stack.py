@@ -1,8 +1,22 @@
 """The effect stack of a model file: effects found by diagnosis, with their parameters and standard deviations."""
 
+from typing import Annotated
+
 import pydantic
 
-from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.typed_yaml import Size, StrictModel
+from pouring_robot.robot.description.definition import RobotDefinition
+
+
+def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"a range runs upwards, not from {limits[0]:g} to {limits[1]:g}")
+    return limits
+
+
+_Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 
 
 class ParameterEntry(StrictModel):
@@ -17,30 +31,39 @@ class LearnedCampaign(StrictModel):
     """The campaign that effects were learned in: what their shapes count from, and over what. SI units and °C."""
 
     # least and largest value of each drive and condition that the campaign has, by heading in inner units
-    ranges: dict[str, tuple[float, float]] = pydantic.Field(default_factory=dict)
+    ranges: dict[str, _Range] = pydantic.Field(default_factory=dict)
     # arcs of a turn in which each turning drive stood, by joint; of one that is left out the whole turn
-    seen_rad: dict[str, list[tuple[float, float]]] = pydantic.Field(default_factory=dict)
+    seen_rad: dict[str, list[_Range]] = pydantic.Field(default_factory=dict)
     sessions: dict[str, pydantic.PositiveInt] = pydantic.Field(min_length=1)  # how many rows each session has
     mean_span_m: list[float]  # mean distance of the joints at both ends of each drive, or value of one that turns
     # mean of the absolute force or moment on each drive, in N and Nm; empty: not known
-    mean_force: list[float] = pydantic.Field(default_factory=list)
+    mean_force: list[pydantic.NonNegativeFloat] = pydantic.Field(default_factory=list)
     # mean temperature above the reference, by thermometer
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
-    reference_temperature_degC: float  # noqa: N815 - the unit is spelt as in the campaign files
-    screw_pitch_m: pydantic.PositiveFloat | None = None  # travel of a leg a turn of its screw
-    truss_span_m: pydantic.PositiveFloat | None = None  # length of the rails
-    ladle_tare_kg: pydantic.PositiveFloat | None = None  # mass of the empty ladle
+    reference_temperature_degC: Annotated[float, pydantic.Field(ge=ABSOLUTE_ZERO_DEGC)]  # noqa: N815 - the unit is spelt as in the campaign files
+    screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
+    truss_span_m: Size | None = None  # length of the rails
+    ladle_tare_kg: Size | None = None  # mass of the empty ladle
     # centre of mass of the ladle in the moving platform's frame
     ladle_centre_of_mass_m: tuple[float, float, float] | None = None
 
-    @pydantic.field_validator("ranges")
-    @classmethod
-    def _run_upwards(cls, ranges: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        for heading, (low, high) in ranges.items():
-            if low > high:
-                raise ValueError(f"the range of '{heading}' runs down, from {low:g} to {high:g}")
-        return ranges
+    def check(self, robot: RobotDefinition, where: str) -> None:
+        """Raise BadInputError, which begins with ``where``, unless all this is of a robot's drives and conditions."""
+        known = {
+            "ranges": [quantity.canonical for quantity in robot.ranged_columns],
+            "seen_rad": [drive.joint for drive in robot.drives if drive.unit == "rad"],
+            "mean_rise_k": [quantity.name for quantity in robot.ranged_columns if quantity.kind == "temperature"],
+        }
+        for key, names in known.items():
+            for name in getattr(self, key):
+                if name not in names:
+                    raise BadInputError(f"{where}.{key}: unknown key '{name}'{closest(name, names)}")
+        joints = [drive.joint for drive in robot.drives]
+        for key, means in (("mean_span_m", self.mean_span_m), ("mean_force", self.mean_force or joints)):
+            if len(means) != len(joints):
+                each = f"one for each of {', '.join(joints)}"
+                raise BadInputError(f"{where}.{key}: it needs {len(joints)} numbers, {each}, not {len(means)}")
 
     @property
     def timed(self) -> bool:

@@ -96,7 +96,7 @@ class RobotModel(StrictModel):
     effects: list[EffectEntry] = pydantic.Field(default_factory=list)  # found by diagnosis, the oldest first
     learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # in which effects were learned
 
-    _folder: Path = pydantic.PrivateAttr(default_factory=Path)
+    _file: Path | None = pydantic.PrivateAttr(default=None)
     _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
@@ -126,17 +126,23 @@ class RobotModel(StrictModel):
         if content.get("format") == ROBOT_FORMAT:
             return cls.for_robot(path)
         model = validate(cls, content, path, ModelFileError)
-        model._folder = path.parent
+        model._file = path
         try:
             model.check_errors()
+            for name, learned in model.learned.items():
+                learned.check(model.definition, f"learned.{name}")
             model.urdf()
         except UnknownJointError as problem:
             raise ModelFileError(path, f"joint_placements: {problem}") from problem
         except BadInputError as problem:
             if isinstance(problem, DescriptionError):
                 raise
-            raise ModelFileError(path, str(problem)) from problem
+            raise model.fault(str(problem)) from problem
         return model
+
+    def fault(self, problem: str) -> BadInputError:
+        """Return the error of what is wrong with the model; it names the file, where the model is from one."""
+        return ModelFileError(self._file, problem) if self._file else BadInputError(problem)
 
     @classmethod
     def of(cls, model: RobotModel | Path | str | None) -> RobotModel:
@@ -180,6 +186,10 @@ class RobotModel(StrictModel):
     def layouts_path(self) -> Path | None:
         """The dimensions file in use, or None for the shipped one."""
         return self._folder / self.layouts_file if self.layouts_file else None
+
+    @property
+    def _folder(self) -> Path:
+        return self._file.parent if self._file else Path()
 
     @property
     def robot_path(self) -> Path | None:

@@ -25,7 +25,7 @@ def test_another_robot_is_planned_by_its_drives(tmp_path):
     planner = Planner(robot, PlanRequest(poses=12, parameters=("drives",), candidates=300, starts=2))
     plan = planner.plan()
     path = plan.save(tmp_path / "p.csv")
-    with pytest.raises(BadInputError, match="as .csv, not as .xlsx"):
+    with pytest.raises(BadInputError, match=r"as \.csv, not as \.xlsx"):
         plan.save(tmp_path / "p.xlsx")
     assert read_plan(path, robot).drives == pytest.approx(plan.poses, abs=1e-12)
     assert compare_with_random(planner, plan, 5).ratios[0] < 1.0

@@ -90,21 +90,22 @@ def test_several_effects_add_up(bench):
         (entry("leg_complience", "rod", {}), "an effect 'leg_complience'; did you mean 'leg_compliance'?"),
         (entry("leg_compliance", "rods", {}), "'leg_compliance' has no form 'rods'; did you mean 'rod'?"),
         (entry("leg_compliance", "rod", {"strech": 1.0}), "of this campaign; did you mean 'stretch'?"),
+        (
+            # A figure in millimetres must not be taken for one in milliradians.
+            EffectEntry(effect="base_drift", form="steady", parameters={"tx": ParameterEntry(value=1e-3, unit="m")}),
+            "'tx' of 'base_drift' is in 'm'; it must be in 'mm'",
+        ),
     ],
 )
-def test_unknown_names_are_refused_on_one_line(bench, wrong, said):
+def test_unknown_names_and_units_are_refused_on_one_line(bench, tmp_path, wrong, said):
     with pytest.raises(BadInputError) as problem:
         put_in(bench, wrong)
     assert said in str(problem.value)
     assert "\n" not in str(problem.value)
-
-
-def test_value_in_another_unit_is_refused(bench):
-    """A figure in millimetres must not be taken for one in milliradians."""
-    metres = {"tx": ParameterEntry(value=1e-3, unit="m")}
-    with pytest.raises(BadInputError, match="'tx' of 'base_drift' is in 'm'; it must be in 'mm'") as problem:
-        put_in(bench, EffectEntry(effect="base_drift", form="steady", parameters=metres))
-    assert "\n" not in str(problem.value)
+    model = RobotModel.load(RobotModel(effects=[wrong]).save(tmp_path / "model.yaml"))
+    with pytest.raises(ModelFileError) as of_a_file:
+        bench.rows_of(bench.campaign, model)
+    assert str(of_a_file.value) == f"{tmp_path / 'model.yaml'}: {problem.value}"
 
 
 def test_condition_that_the_campaign_does_not_say(bench):

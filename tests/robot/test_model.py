@@ -1,5 +1,6 @@
 """The model file: it round-trips, and says what is wrong with it."""
 
+import json
 import shutil
 from contextlib import nullcontext
 
@@ -8,6 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import (
     BadInputError,
@@ -22,6 +24,7 @@ from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.layout import render_urdf, shipped_layouts_file
 from tests.support import ACTUAL, ROOT, crooked_model
 
+LEARNED = ROOT / "examples" / "learned.yaml"
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"
 
 
@@ -94,7 +97,6 @@ def test_own_layouts_file_is_relative_to_the_model(tmp_path):
         RobotModel.load(path)
 
 
-LEARNED = "learned:\n  c:\n    sessions: {'1': 9}\n    mean_span_m: []\n    reference_temperature_degC: 20\n"
 PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
 
 
@@ -113,10 +115,8 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[0, 0]\n", "line 5"),
         (HEAD + PLACED + "[0, 0, 0, 0]\n", "line 5"),
         (HEAD + PLACED + "[a, 0, 0]\n", "line 5: .*it is 'a'"),
-        (HEAD + PLACED + "[0, 0, true]\n", "line 5: .*it is True"),
-        (HEAD + PLACED + "[0, 0, '1']\n", "line 5: .*it is '1'"),
-        (HEAD + LEARNED + "    ranges: {q1_m: [0.9, 0.1]}\n", "'q1_m' runs down, from 0.9 to 0.1"),
-        (HEAD + LEARNED + "    ladle_tare_kg: -180\n", "ladle_tare_kg.*greater than 0"),
+        (HEAD + PLACED + "[0.2, -0.1, true]\n", r"line 5: .*translation_mm.2': .*valid number \(it is True\)"),
+        (HEAD + PLACED + "[0.2, -0.1, '0']\n", r"line 5: .*valid number \(it is '0'\)"),
         (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is no placement error.*check the unit"),
         (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200 mrad is no placement error"),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
@@ -133,6 +133,33 @@ def test_mistakes(written, text, words):
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("mean_span_m", [], "learned.campaign.mean_span_m: it needs 4 numbers, one for each of leg1_s3, .*, not 0"),
+        ("mean_span_m", [0.1, 0.2], "learned.campaign.mean_span_m: it needs 4 numbers, .*, not 2"),
+        ("mean_force", [1.0], "learned.campaign.mean_force: it needs 4 numbers, .*, not 1"),
+        ("mean_force", [1.0, 1.0, 1.0, -1.0], "'learned.campaign.mean_force.3': .*greater than or equal to 0"),
+        ("ranges", {"q1_m": [0.9, 0.1]}, "'learned.campaign.ranges.q1_m': a range runs upwards, not from 0.9 to 0.1"),
+        ("ranges", {"q1_m": [0.1, 0.9], "zz_m": [0, 1]}, "learned.campaign.ranges: unknown key 'zz_m'"),
+        ("ranges", {"q1_mm": [0.1, 0.9]}, "unknown key 'q1_mm'; did you mean 'q1_m'"),
+        ("seen_rad", {"leg1_s3": [[0, 1]]}, "learned.campaign.seen_rad: unknown key 'leg1_s3'"),
+        ("mean_rise_k", {"leg_1": 3.0}, "learned.campaign.mean_rise_k: unknown key 'leg_1'; did you mean 'leg1'"),
+        ("ladle_tare_kg", -180, "'learned.campaign.ladle_tare_kg': .*greater than 0"),
+        ("truss_span_m", 0, "'learned.campaign.truss_span_m': .*greater than 0"),
+        ("reference_temperature_degC", -300, "'learned.campaign.reference_temperature_degC': .*-273.15"),
+    ],
+)
+def test_what_was_learned_is_of_this_robot(written, key, value, words):
+    """Each of these passed without a word."""
+    content = YAML(typ="safe").load(LEARNED.read_text(encoding="utf-8"))
+    content["learned"]["campaign"][key] = value
+    path = written(json.dumps(content))
+    with pytest.raises(ModelFileError, match=words) as caught:
+        RobotModel.load(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
 
 def test_unknown_layout(written):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.campaign.columns import approach_names, condition_columns
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
@@ -213,7 +213,7 @@ def _measurement(
 ) -> SuggestedMeasurement:
     sides = () if possible.approach is None else possible.approach[index].tolist()
     given = dict(zip(approach_names(robot), sides, strict=False))
-    canonical = {quantity.name: quantity.canonical for quantity in condition_columns(robot) if quantity.name != "time"}
+    canonical = {quantity.name: quantity.canonical for quantity in robot.condition_columns if quantity.name != "time"}
     given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))
     return SuggestedMeasurement(

@@ -35,7 +35,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
-from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
+from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveEntry, RobotFile
 from pouring_robot.robot.description.urdf import carriers, joint_limits, meshes_from, parsed, reach, read_text
 
 if TYPE_CHECKING:
@@ -77,6 +77,16 @@ class Drive:
     zero: float = 0.0  # value of the joint at a command of zero, in m or rad
     symbol: str = ""  # short name in tables and parameters
     words: str = ""  # name in sentences
+
+    @property
+    def approach_column(self) -> str:
+        """Name of the campaign column that says from which side it came."""
+        return f"approach_{self.column}"
+
+    @property
+    def force_column(self) -> str:
+        """Name of the campaign column that says what it carries."""
+        return f"force_{self.column}"
 
     def value(self, command: FloatArray) -> FloatArray:
         """Return the joint's value for commands, in m or rad; same shape."""
@@ -246,6 +256,27 @@ class RobotDefinition:
             Quantity(drive.column, drive.command, required=True, words=words.get((drive.unit, drive.command), ""))
             for drive in self.drives
         )
+
+    @property
+    def condition_columns(self) -> tuple[Quantity, ...]:
+        """What may be known of a pose besides drives and measurement; every one is optional."""
+        taken = {*(drive.column for drive in self.drives), *MEASURED, "time", "payload", *self.travels, AMBIENT}
+        parts = (name for name in self.thermometers if name not in taken)
+        return (
+            Quantity("session", "label"),
+            Quantity("time", "time"),
+            *(Quantity(drive.approach_column, "sign") for drive in self.drives),
+            *(Quantity(drive.force_column, "force" if drive.unit == "m" else "moment") for drive in self.drives),
+            Quantity("payload", "mass"),
+            *(Quantity(name, "length") for name in self.travels),
+            *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),
+        )
+
+    @property
+    def ranged_columns(self) -> tuple[Quantity, ...]:
+        """The columns of drives and conditions that a campaign has a range of."""
+        told = (*self.drive_columns, *self.condition_columns)
+        return tuple(quantity for quantity in told if quantity.kind not in ("label", "sign"))
 
     def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); absent ones are NaN."""

@@ -12,7 +12,8 @@ from pouring_robot.mechanism.loops import JointKind, LoopSpec, LoopStiffness
 FORMAT = "pouring_robot/robot/1"
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
 DISTANCE = ("distance", "distance_from")
-TAKEN = frozenset({"sample", "session", "time", "payload", "ambient", *POSITION, *ROTATION, *DISTANCE})
+MEASURED, AMBIENT = (*POSITION, *ROTATION, DISTANCE[0]), "ambient"
+TAKEN = frozenset({"sample", "session", "time", "payload", AMBIENT, *POSITION, *ROTATION, *DISTANCE})
 """What campaigns have columns of, whatever the robot."""
 
 
