@@ -192,8 +192,7 @@ class MeasurementModel:
 
         None: what the present robot itself adds.
         """
-        offsets = self.model.drive_offset_values()
-        own = np.array([offsets.get(name, 0.0) for name in self.engine.structure.mechanism.loops.drives])
+        own = self.model.offset_of_each_drive()
         return own if values is None else np.asarray(self._drives @ values[: len(self.parameters)] + own)
 
     def amended(self, values: FloatArray) -> RobotModel:

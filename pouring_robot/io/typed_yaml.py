@@ -27,13 +27,15 @@ FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
 _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 
 
-def _numbers_only(schema: Any) -> Any:
-    """Return a part of a schema in which the text "350" and the switch `true` are not turned into numbers."""
+def _numbers_only(schema: Any, model: Any) -> Any:
+    """Return a part of a model's schema in which the text "350" and the switch `true` are not turned into numbers."""
     if isinstance(schema, list):
-        return [_numbers_only(part) for part in schema]
+        return [_numbers_only(part, model) for part in schema]
     if not isinstance(schema, dict):
         return schema
-    whole = {key: _numbers_only(part) for key, part in schema.items()}
+    if schema.get("type") == "model" and schema["cls"] is not model and issubclass(schema["cls"], StrictModel):
+        return schema  # it has seen to its own numbers
+    whole = {key: _numbers_only(part, model) for key, part in schema.items()}
     if schema.get("type") not in ("float", "int"):  # of fields by name, "type" may be one
         return whole
     # Pydantic's own strictness would refuse 1e4 where a whole number is wanted, too.
@@ -54,7 +56,7 @@ class StrictModel(pydantic.BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
         """Return pydantic's schema of the model, but that only numbers count as numbers."""
-        schema: CoreSchema = _numbers_only(handler(source))
+        schema: CoreSchema = _numbers_only(handler(source), source)
         return schema
 
 

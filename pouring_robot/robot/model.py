@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pinocchio as pin
 import pydantic
 from ruamel.yaml import YAML
@@ -21,6 +22,7 @@ from ruamel.yaml import YAML
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
@@ -247,6 +249,11 @@ class RobotModel(StrictModel):
     def drive_offset_values(self) -> dict[str, float]:
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
+
+    def offset_of_each_drive(self) -> FloatArray:
+        """Return the offsets of all drives in their order, 0 where there is none, shape (drives,), in m or rad."""
+        offsets = self.drive_offset_values()
+        return np.array([offsets.get(drive.joint, 0.0) for drive in self.definition.drives])
 
     def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
         """Return the robot with joints displaced further, by poses in their present placements, and drives (m, rad)."""

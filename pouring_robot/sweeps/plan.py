@@ -117,8 +117,8 @@ class SweepPlan:
     @functools.cached_property
     def own_error_m(self) -> float:
         """How far the robot without the sweep's errors is from where it is commanded, at its first frame, at most."""
-        start, none = self.poses.start, np.zeros((1, len(self.parameters)))
-        moved = self._displacement(self.platforms(none, self.poses), start.position, start.rotation)
+        start = self.poses.start
+        moved = self._displacement(self._without_errors(self.poses), start.position, start.rotation)
         return float(np.nanmax(np.linalg.norm(moved[0, :, 0], axis=-1)))
 
     @property
@@ -185,9 +185,8 @@ class SweepPlan:
 
     def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
         """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses."""
-        to_joints, offsets = self.error_map, self.model.drive_offset_values()
-        own = [offsets.get(drive, 0.0) for drive in self.mechanism.loops.drives]
-        drives = to_joints.drive_errors(values) + own
+        to_joints = self.error_map
+        drives = to_joints.drive_errors(values) + self.model.offset_of_each_drive()
         return self.evaluator.platforms(poses, to_joints.placement_errors(values), drives)
 
     @functools.cached_property
@@ -227,8 +226,11 @@ class SweepPlan:
         """Return position (poses, 3) and axes (poses, 3, 3) of the platform without the errors of the sweep."""
         if self.config.model is None:
             return poses.start.position, poses.start.rotation
-        without = self.platforms(np.zeros((1, len(self.parameters))), poses)
+        without = self._without_errors(poses)
         return without.position_m[0], without.rotation[0]
+
+    def _without_errors(self, poses: BatchCommand) -> Platforms:
+        return self.platforms(np.zeros((1, len(self.parameters))), poses)
 
     def _refuse_many_chains(self) -> None:
         if self.config.kind == "open_branch" and self.catalogue.table is None:

@@ -32,7 +32,6 @@ from pouring_robot.viewer.scene import (
 from pouring_robot.viewer.shapes import (
     Shape,
     camera_around,
-    camera_on,
     colours_at,
     outline,
     robot_solids,
@@ -91,13 +90,14 @@ def page_content(scene: Scene) -> Content:
     """Return everything that the script of a page draws."""
     shapes: list[Shape] = []
     robots = [_robot(scene, robot, shapes) for robot in scene.robots]
-    camera = scene.camera or camera_on(scene)
+    points = outline(scene)
+    camera = scene.camera or camera_around(points)
     return {
         "shapes": [_shape(shape) for shape in shapes],
         "robots": robots,
         "cameras": {
             name: {"eye": one.eye_m.tolist(), "target": one.target_m.tolist(), "view_deg": one.vertical_view_deg}
-            for name, one in _cameras(scene, camera).items()
+            for name, one in _cameras(scene, camera, points).items()
         },
         "sky": [list(SKY_TOP), list(SKY_BOTTOM)],
         "thickness": 0.005 * view_height(camera),
@@ -193,9 +193,8 @@ def _shape(shape: Shape) -> Content:
     }
 
 
-def _cameras(scene: Scene, overview: Camera) -> dict[str, Camera]:
+def _cameras(scene: Scene, overview: Camera, points: Vector) -> dict[str, Camera]:
     """Return the places to look from: all, from three sides, and closer to the tip where there is one arrow."""
-    points = outline(scene)
     found = {"all": overview} | {name: camera_around(points, direction) for name, direction in _DIRECTIONS.items()}
     single = [item for item in scene.arrows if item.starts_m.shape[1] == 1]
     if single:

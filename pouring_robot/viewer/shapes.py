@@ -185,7 +185,7 @@ def outline(scene: Scene) -> Vector:
     return np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
 
 
-def camera_around(points: Vector, direction: Sequence[float], vertical_view_deg: float = 30.0) -> Camera:
+def camera_around(points: Vector, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
     """Return a camera in a direction (any length) of the world that shows points (k, 3) as large as will fit."""
     if not len(points):
         return Camera(3.0 * np.asarray(direction), np.zeros(3), vertical_view_deg)

@@ -238,9 +238,7 @@ class Drawing:
 
     def write(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> list[Path]:
         """Write what was asked for, and return the files."""
-        from pouring_robot.robot.export.joints import JointRow
-
-        written, offsets = [], model.drive_offset_values()
+        written = []
         if self.html or self.png:
             # The drawing libraries take half a second to import; only commands that draw pay for it.
             from pouring_robot.robot.view.scene import pose_scene
@@ -251,7 +249,16 @@ class Drawing:
             written += [write_png(scene, self.png)] if self.png else []
         elif self.exaggerate is not None:
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
-        return written + self.write_joints([JointRow.of(one.actual, offsets) for one in locations])
+        return written + self.write_joints(self._joint_rows(locations, model))
+
+    def _joint_rows(self, locations: Sequence[Location], model: RobotModel) -> list[JointRow]:
+        """Return the joint values at locations, none if they were not asked for."""
+        if self.joints is None:
+            return []
+        from pouring_robot.robot.export.joints import JointRow
+
+        offsets = model.drive_offset_values()
+        return [JointRow.of(one.actual, offsets) for one in locations]
 
     def write_joints(self, rows: Sequence[JointRow]) -> list[Path]:
         """Write the joint values of the robot as built, for the exported tree, if they were asked for."""
@@ -265,11 +272,9 @@ class Drawing:
             return []
         import numpy as np
 
-        from pouring_robot.robot.export.joints import JointRow
-
-        offsets, frame = model.drive_offset_values(), model.loops().working_frame
+        frame = model.loops().working_frame
         tips = np.array([one.poses(frame)[1].translation for one in locations])
-        return self.tree_notes([JointRow.of(one.actual, offsets) for one in locations], tips, model)
+        return self.tree_notes(self._joint_rows(locations, model), tips, model)
 
     def tree_notes(self, rows: Sequence[JointRow], tips_m: FloatArray, model: RobotModel) -> list[str]:
         """Say the same of rows of a warm robot's joints whose tips are known, (n, 3), in m."""

@@ -184,16 +184,21 @@ def refuse_conditional(robot: Robot, option: str) -> None:
 
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
-    for line in () if QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
-        print(f"note: {line}", file=sys.stderr)
+    for line in model.left_out("this command", str(file), warm=warm, under=under):
+        _note(line)
 
 
 def say_unused(path: Path, headings: Iterable[str]) -> None:
     """Say on standard error which columns of conditions a table has for nothing, if it has any."""
     names = ", ".join(headings)
-    if names and not QUIET.get():
+    if names:
         warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
-        print(f"note: {path}: nothing in the model depends on {names}, which change nothing{warm}", file=sys.stderr)
+        _note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
+
+
+def _note(line: str) -> None:
+    if not QUIET.get():
+        print(f"note: {line}", file=sys.stderr)
 
 
 def print_json(content: Any) -> None:
