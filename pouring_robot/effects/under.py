@@ -30,7 +30,7 @@ from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
-from pouring_robot.io.tables import read_table
+from pouring_robot.io.tables import LARGEST, LATEST, read_table, size_fault
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -68,6 +68,9 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             numbers = np.asarray(values, dtype=float)
         except ValueError:
             numbers = np.array(np.nan)
+        far = float(np.max(np.abs(numbers), initial=0.0))
+        if too_large := size_fault(far, LATEST if quantity.kind == "time" else LARGEST):
+            raise BadInputError(f"{heading}: {too_large}")
         if UNITS[quantity.kind]:
             numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))
         if not np.isfinite(numbers).all() or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):
@@ -92,7 +95,9 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
         if heading == "session":
             found[heading] = table.labels(index)
         elif heading in known:
-            found[heading] = table.numbers(index, empty="the value is missing; a condition is told of every pose")
+            empty = "the value is missing; a condition is told of every pose"
+            latest = LATEST if heading.startswith("time_") else LARGEST
+            found[heading] = table.numbers(index, empty=empty, largest=latest)
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.tables import LARGEST, Table, read_table
+from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 
 Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
@@ -125,7 +125,7 @@ def read_quantities(
 
 
 def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.sparse_numbers(index, LARGEST)
+    values = table.sparse_numbers(index)
     if not UNITS[quantity.kind]:
         return values
     inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])

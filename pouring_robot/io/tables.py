@@ -19,6 +19,14 @@ _EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000
 LARGEST = 1e9
 """No quantity comes near this, in any of its units; what does is a broken number."""
+LATEST = 1e3 * LARGEST
+"""But for times, which some count from 1970 on, in s."""
+
+
+def size_fault(value: float, largest: float = LARGEST) -> str:
+    """Return why a finite number is none of a quantity's, or "" if it may be one."""
+    fits = abs(value) <= largest or not math.isfinite(value)
+    return "" if fits else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
 
 
 @dataclass(frozen=True)
@@ -69,27 +77,32 @@ class Table:
         """Return the cells of a column as words; "" where empty."""
         return tuple(_label(cell) for cell in self.cells(index))
 
-    def numbers(self, index: int, *, empty: str | None = None) -> NDArray[np.float64]:
-        """Return the cells of a column as finite numbers (n,), in the unit of the file.
+    def numbers(self, index: int, *, empty: str | None = None, largest: float = LARGEST) -> NDArray[np.float64]:
+        """Return the cells of a column as finite numbers (n,) up to a size, in the unit of the file.
 
         ``empty`` is what is said of an empty cell; by default that it is not a finite number.
 
         Raises:
-            TableError: a cell is empty or no finite number.
+            TableError: a cell is empty or no such number.
         """
-        return self._read(index, math.isfinite, "is not a finite number", empty)
+        return self._read(index, math.isfinite, "is not a finite number", empty, largest)
 
-    def sparse_numbers(self, index: int, largest: float) -> NDArray[np.float64]:
-        """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
+    def sparse_numbers(self, index: int) -> NDArray[np.float64]:
+        """Return the cells of a column as numbers (n,), NaN where a cell is empty (or says ``nan``).
 
         Raises:
-            TableError: a cell is no such number.
+            TableError: a cell is no number, or larger than any quantity.
         """
         said = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
-        return self._read(index, lambda value: not abs(value) > largest, said)
+        return self._read(index, lambda value: not math.isinf(value), said)
 
     def _read(
-        self, index: int, usable: Callable[[float], bool], problem: str, empty: str | None = None
+        self,
+        index: int,
+        usable: Callable[[float], bool],
+        problem: str,
+        empty: str | None = None,
+        largest: float = LARGEST,
     ) -> NDArray[np.float64]:
         values = np.empty(len(self))
         for row, cell in enumerate(self.cells(index)):
@@ -101,6 +114,8 @@ class Table:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
                 said = empty if empty and not shown else f"'{shown}' {problem}"
                 raise self.fault(said, row, self.headings[index]) from error
+            if fault := size_fault(values[row], largest):
+                raise self.fault(fault, row, self.headings[index])
         return values
 
 

@@ -93,7 +93,7 @@ def test_temperatures_in_kelvin(tmp_path):
         (HEADER, ROW.replace("553.7", "55x"), ["line 2", "'q2_mm'", "'55x'"]),
         (HEADER, ROW.replace("553.7", "inf"), ["line 2", "'q2_mm'", "'inf'"]),
         (HEADER, ROW.replace("553.7", "1_000"), ["line 2", "'q2_mm'"]),
-        (HEADER, ROW.replace("553.7", "1e300"), ["line 2", "'q2_mm'"]),
+        (HEADER, ROW.replace("553.7", "1e300"), ["line 2", "'q2_mm'", "1e+300 is larger", "check the unit"]),
         (HEADER, ROW + ",7", ["line 2", "11 cells"]),
         (HEADER, "a,1,5.0,550", ["line 2", "cut off"]),
         (HEADER, ROW.replace("a,1,", "a,,"), ["line 2", "'session'"]),

@@ -339,6 +339,7 @@ def test_a_shift_at_one_pose_is_that_of_after_min(run, tmp_path):
         ("time_min,melt_degC\n0,1700\n30,1700\n20,1700\n", "line 4, column time_min: does not come after"),
         ("time_min,melt_degC\n0,1700\n30,-1700\n", "line 3, column melt_degC: -1700 degC lies below"),
         ("time_min,melt_degC\n0,1700\n30,1e9\n", "line 3, column melt_degC: 1e+09 degC is hotter"),
+        ("time_s,melt_degC\n1.7e9,1700\n1e300,1700\n", "line 3, column time_s: 1e+300 is larger than any quantity"),
         ("time_min,melt_degC\n0,1700\n30,\n", "line 3, column melt_degC: '' is not a finite number"),
         ("time_min,melt_degC\n0,1700\n30,1700,5\n", "line 3: 3 cells"),
         ("time_min,melt\n0,1700\n", "write melt_degC"),

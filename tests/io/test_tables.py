@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import CampaignError, TableError
 from pouring_robot.io.quantities import UNITS, Quantity, read_quantities, to_inner
-from pouring_robot.io.tables import csv_text, read_table
+from pouring_robot.io.tables import LATEST, csv_text, read_table
 from pouring_robot.robot.pose_table import read_pose_lines
 
 
@@ -23,6 +23,18 @@ def test_lines_and_cells_of_a_csv_file(tmp_path):
     assert (caught.value.row, caught.value.column) == (4, "b")
     with pytest.raises(CampaignError, match=r"line 6: 1 cells for 2 columns; is the row cut off\?"):
         read_table(path, "a_mm", CampaignError, short_rows=False)
+
+
+def test_numbers_beyond_any_quantity_are_refused(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("a_mm\n1e9\n-1.1e9\n")
+    table = read_table(path, "a_mm")
+    for read in (table.numbers, table.sparse_numbers):
+        with pytest.raises(
+            TableError, match=r"line 3, column a_mm: -1.1e\+09 is larger than any quantity \(limit 1e\+09\)"
+        ):
+            read(0)
+    assert table.numbers(0, largest=LATEST).tolist() == [1e9, -1.1e9]  # as times since 1970 are
 
 
 def test_poses_from_parquet(tmp_path):

@@ -57,6 +57,7 @@ def test_angles_and_a_second_temperature(written):
         (GOOD + "\n900,3,x\n", "line 6, column P2_mm: 'x' is not a finite number"),
         (GOOD + "hot,3,3\n", "line 5, column melt_degC: 'hot'"),
         (GOOD + "900,3,inf\n", "line 5, column P2_mm: 'inf'"),
+        (GOOD + "900,3,-1e200\n", "column P2_mm: -1e+200 is larger than any quantity (limit 1e+09); check the unit"),
         (GOOD + "900,3,4,5\n", "line 5: 4 cells for 3 columns"),
         (GOOD + "700,3,4\n", "lines 3 and 5 have the same temperature, 700 degC"),
         (GOOD + "-300,3,4\n", "temperature -300 degC is below 0 K"),

@@ -6,6 +6,7 @@ command line is taken apart: before anything is imported for the work.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -113,6 +114,19 @@ def is_output(annotation: Any) -> bool:
     return any(getattr(info, "callback", None) in _WRITES for info in getattr(annotation, "__metadata__", ()))
 
 
+def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
+    """Return the numbers of an option, of which none may be larger than any quantity."""
+    if value is None:
+        return None
+    from pouring_robot.io.tables import size_fault
+
+    for number in value if isinstance(value, tuple) else str(value).replace(",", " ").split():
+        with contextlib.suppress(ValueError):  # what is no number is said where it is known how many are wanted
+            if fault := size_fault(float(number)):
+                raise BadInputError(f"{parameter.opts[0]}: {fault}")
+    return value
+
+
 def refuse_present(files: Iterable[Path]) -> None:
     """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
     from pouring_robot.io.files import check_outputs
@@ -122,14 +136,16 @@ def refuse_present(files: Iterable[Path]) -> None:
 
 AtMm = Annotated[
     tuple[float, float, float] | None,
-    opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
+    opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z", callback=_of_size),
 ]
-TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T")]
+TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T", callback=_of_size)]
 RotationDeg = Annotated[
-    tuple[float, float, float] | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ")
+    tuple[float, float, float] | None,
+    opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size),
 ]
 Drives = Annotated[
-    str | None, opt("Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."')
+    str | None,
+    opt("Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."', callback=_of_size),
 ]
 ModelFile = Annotated[Path | None, reads("Model file of the robot as built (default: the drawing).")]
 RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of another robot than the pouring robot.")]
