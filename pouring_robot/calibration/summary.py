@@ -68,7 +68,11 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             "deviations are widened by that factor"
         )
     if calibration.noise.from_residuals:
-        found.append("the noise was not stated and comes from the fit's own residuals; it cannot judge the fit")
+        least = calibration.noise.least_words
+        found.append(
+            "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
+            + (f"; {least}" if least else "")
+        )
     if not calibration.fit.converged:
         found.append(
             f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "

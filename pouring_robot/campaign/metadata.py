@@ -21,6 +21,9 @@ from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
+LEAST_SIGMA = 1e-8
+"""In m or rad, the least noise that may be stated: files hold hardly more digits, and what is left over such a noise is
+rounding."""
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
 PER_SESSION: Frames = "per session"
@@ -105,12 +108,19 @@ class _Section(StrictModel):
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
     """Return a section of the file as a field: its type, and what it is where it is left out."""
     units = _UNITS[name]
-    others: dict[str, Any] = {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}
-    sizes = {fact: others.get(fact, Size) for fact in units}
-    keys: dict[str, Any] = {key: (sizes[fact] | None, None) for fact, per_unit in units.items() for key in per_unit}
+    keys: dict[str, Any] = {
+        key: (_kind(fact, unit) | None, None) for fact, per_unit in units.items() for key, unit in per_unit.items()
+    }
     kind = pydantic.create_model(f"_{name}", __base__=_Section, **keys, **more)
     kind.units = units
     return kind, kind()
+
+
+def _kind(fact: str, unit: float) -> Any:
+    """Return the type of a fact that is given in units of which so many make one inside."""
+    if fact.startswith("sigma_"):
+        return Annotated[float, Field(ge=float(f"{LEAST_SIGMA * unit:.3g}"), lt=1e9)]
+    return {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}.get(fact, Size)
 
 
 _TEMPERATURE = "reference_temperature_degC"

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign.columns import POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
-from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -165,6 +165,11 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
     return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
 
 
+def _stated(sigma: float | None) -> float | None:
+    """Return a noise as the YAML states it; None where it is too small to be stated, or nothing was measured."""
+    return sigma if sigma and sigma >= LEAST_SIGMA else None
+
+
 def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
@@ -177,8 +182,8 @@ def _campaign(
     metadata = CampaignMetadata(
         robot=robot.model.definition.name,
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
-        sigma_position_m=options.sigma_position_m or None,
-        sigma_rotation_rad=options.sigma_rotation_rad or None,
+        sigma_position_m=_stated(options.sigma_position_m),
+        sigma_rotation_rad=_stated(options.sigma_rotation_rad),
         reference_temperature_degC=REFERENCE_DEGC,
         **facts,
     )

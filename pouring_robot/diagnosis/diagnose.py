@@ -192,6 +192,7 @@ class _Work:
             notes.append(
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
+            notes += [f"the noise: {noise.least_words}"] if noise.least_words else []
         outliers = np.asarray(wrong, dtype=np.intp)
         return _Searched(outliers, inliers, fitted, parts, tuple(notes), noise, diagnoser, after, hypothesis)
 
@@ -312,6 +313,5 @@ def _noise_from(noise: NoiseLevel, after: LinearState, hypothesis: Hypothesis) -
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
     chosen = {kind: are(kind, after.fitted_rows.component) for kind in noise.open_kinds}
     factors = {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
-    if max((abs(factor - 1.0) for factor in factors.values()), default=0.0) < _NOISE_SETTLED:
-        return None
-    return noise.times(factors)
+    better = noise.times(factors)
+    return None if better.apart(noise) < _NOISE_SETTLED else better

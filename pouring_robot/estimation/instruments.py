@@ -38,7 +38,9 @@ _FIRST = (0, 3, 6, 7)
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
 Rows = NDArray[np.intp] | BoolArray
 Source = Literal["stated", "repeats", "residuals", "none"]
-_LEAST_NOISE = 1e-9  # m or rad
+LEAST_NOISE = 1e-6
+"""In m or rad: what is left over of exact data is less, and as noise would make of their rounding an error of the robot.
+No device that robots are measured with reads better."""
 
 
 def kind_of(components: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -253,9 +255,22 @@ class NoiseLevel:
         return self["rotation"].sigma
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
-        """Return other sizes; exact data have none, but a noise must be positive."""
-        changed = {k: replace(self[k], sigma=max(self[k].sigma * f, _LEAST_NOISE)) for k, f in factors.items()}
+        """Return other sizes, none below :data:`LEAST_NOISE`."""
+        changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
         return NoiseLevel({**self.kinds, **changed})
+
+    def apart(self, other: NoiseLevel) -> float:
+        """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
+        return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.open_kinds), default=0.0)
+
+    @property
+    def least_words(self) -> str:
+        """What stands for the noise where hardly anything is left over, in words; "" where that is not so."""
+        exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
+        if not exact:
+            return ""
+        keys = ", ".join(f"sigma_{kind}_{'mrad' if kind == 'rotation' else 'mm'}" for kind in exact)
+        return f"hardly any is left over, so {LEAST_NOISE / MM:g} mm or mrad stands for it: state it ({keys} in the YAML)"
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:

@@ -33,6 +33,8 @@ _AS_EXPECTED = 0.25  # share of the expected gain below which a step has left th
 _FIRM = 100.0
 # A search that ends at its limit is of use if its last step is no longer than this (standard deviations).
 _USABLE = 1.0
+# Residuals this many times the noise are a noise that no model of the robot keeps to.
+_FAR_OFF = 10.0
 _NUDGE, _LEAST_CURVATURE = 0.02, 0.3
 # Damping is counted in priors: 1 holds a step as firmly as the tolerances do.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1.0, 0.1, 1e16
@@ -95,8 +97,7 @@ class Search:
                 if length <= _USABLE:
                     return length
                 searched = f"{self.evaluations} evaluations (last step {length:.1e} standard deviations)"
-                mend = "check the campaign with `pouring-robot campaign check`, or identify fewer parameters"
-                raise CalibrationError(f"the fit does not converge in {searched}", mend)
+                raise CalibrationError(f"the fit does not converge in {searched}", self._mend())
             if self.try_step(stride * step):
                 last = step
                 damping = damping * _SOFTER if damping > _LEAST_DAMPING else 0.0
@@ -108,6 +109,16 @@ class Search:
                 if self._curved is None:
                     self.second = None  # measured elsewhere
                 damping = max(damping * _HARDER, _FIRST_DAMPING)
+
+    def _mend(self) -> str:
+        """Return what to do about a search that finds no answer."""
+        if self.widened > _FAR_OFF:
+            return (
+                f"what is left is {self.widened:.0f} times the noise: state a noise that the model can keep to "
+                "(sigma_position_mm, sigma_rotation_mrad … under metrology in the campaign's YAML), or diagnose first "
+                "what the model lacks"
+            )
+        return "check the campaign with `pouring-robot campaign check`, or identify fewer parameters"
 
     def _predict(self, unknowns: Unknowns) -> Prediction:
         self.evaluations += 1

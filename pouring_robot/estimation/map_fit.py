@@ -239,8 +239,8 @@ def fit_with_noise(
     evaluations = fit.evaluations
     for _ in range(12 if noise.from_residuals else 0):
         factors = {kind: fit.scatter(kind) for kind in noise.open_kinds}
-        noise = noise.times(factors)
-        if max(abs(factor - 1.0) for factor in factors.values()) < 0.01:
+        noise, assumed = noise.times(factors), noise
+        if noise.apart(assumed) < 0.01:
             break
         fit = identify(rows, measured.with_noise(noise), fit.unknowns, prior_std, options)
         evaluations += fit.evaluations

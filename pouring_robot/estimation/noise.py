@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.instruments import KINDS, Kind, Noise, NoiseLevel, are
+from pouring_robot.estimation.instruments import KINDS, LEAST_NOISE, Kind, Noise, NoiseLevel, are
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -52,7 +52,7 @@ def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tup
             freedoms[1] += 3 * (len(turned) - 1)
     found = [
         Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
-        if freedom >= _FEWEST_FREEDOMS and total > 0.0
+        if freedom >= _FEWEST_FREEDOMS and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
         else None
         for total, freedom in zip(sums, freedoms, strict=True)
     ]

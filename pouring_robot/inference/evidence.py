@@ -245,8 +245,9 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
         )
         diagonal[:, k, 0] = whole[1:]
     pivots, squared = 1.0 + variances * diagonal, (variances * beside) ** 2
-    for k in range(count - 2, -1, -1):
-        pivots[k] -= squared[k + 1] / pivots[k + 1]
+    for k in range(count - 1, -1, -1):
+        if k < count - 1:
+            pivots[k] -= squared[k + 1] / pivots[k + 1]
         np.maximum(pivots[k], 1.0, out=pivots[k])  # they are never less, but for rounding
     return np.asarray(0.5 * (variances * beside[0] ** 2 / pivots[0] - np.log(pivots).sum(axis=0)))
 

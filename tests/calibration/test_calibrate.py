@@ -12,6 +12,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.instruments import LEAST_NOISE
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.robot.model import JointPlacement
@@ -51,6 +52,16 @@ def test_the_test_block_is_not_looked_at(real):
     every = dataclasses.replace(options, choose=False)
     one, other = (calibrate(campaign, None, every) for campaign in (real.campaign, moved))
     np.testing.assert_array_equal(one.fit.unknowns.values, other.fit.unknowns.values)
+
+
+@pytest.mark.parametrize(("name", "changed"), [("drawing", False), ("as_built", True)])
+def test_exact_data_are_calibrated_with_the_least_noise(name, changed, request):
+    exact = measure(request.getfixturevalue(name), seed=4, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    found = calibrate(exact.campaign)
+    assert found.changed == changed
+    assert found.noise.position_m == found.noise.rotation_rad == LEAST_NOISE
+    assert any("stands for it: state it (sigma_position_mm" in line for line in warnings_of(found))
+    assert found.misfit(found.split.test, after=True).rms_mm < 0.02
 
 
 def test_outliers_are_left_out_and_nothing_else(as_built):

@@ -128,6 +128,8 @@ def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
     ("text", "words"),
     [
         ("metrology: {sigma_position_mm: -1}", ["sigma_position_mm", "line 1"]),
+        ("metrology: {sigma_position_mm: 9.0e-6}", ["sigma_position_mm", "greater than or equal to 0.00001 "]),
+        ("metrology: {sigma_rotation_rad: 9.0e-9}", ["sigma_rotation_rad", "greater than or equal to 0.00000001 "]),
         ("metrology: {sigma_positon_mm: 1}", ["did you mean 'sigma_position_mm'"]),
         ("metrology: {sigma_position_mm: 0.1, sigma_position_m: 0.1}", ["same thing"]),
         ("reference_temperature_degC: hot", ["reference_temperature_degC"]),

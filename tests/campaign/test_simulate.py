@@ -35,7 +35,8 @@ def test_round_trip_simulate_read_check(tmp_path, as_built, full):
 
 
 def test_noise_outliers_and_lost_cells_are_as_asked(as_built):
-    exact = measure(as_built, seed=3, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    exact = measure(as_built, seed=3, sigma_position_m=0.0, sigma_rotation_rad=1e-9)
+    assert exact.campaign.metadata.sigma_position_m is exact.campaign.metadata.sigma_rotation_rad is None
     noisy = measure(as_built, seed=3, count=60, outliers=4, outlier_m=0.01, lost=0.1)
     error = noisy.campaign.position_m - exact.campaign.position_m
     wrong = list(noisy.outlier_rows)

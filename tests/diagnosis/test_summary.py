@@ -36,6 +36,7 @@ from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
+from tests.campaign.simulated import measure
 from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign
 from tests.rig import Wanted, make_campaign, write_case
 
@@ -80,6 +81,14 @@ def test_the_gap_is_per_coordinate(hot):
     position = (linear.residual * linear.tracker)[linear.component < 3]
     assert gap.position("before") == pytest.approx(math.sqrt((position**2).mean()))
     assert gap.position("floor") == pytest.approx(hot.noise.position_m)
+
+
+@pytest.mark.filterwarnings("error")
+def test_exact_data_of_the_drawing_have_no_structure(drawing):
+    exact = measure(drawing, count=40, seed=4, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    found = diagnose(exact.campaign)
+    assert found.headline.startswith("NO STRUCTURE")
+    assert any("stands for it: state it (sigma_position_mm" in line for line in note_lines(found))
 
 
 def test_a_gap_is_over_the_lengths_there_are():

@@ -1,5 +1,7 @@
 """Identification: the truth comes back, outliers do not matter, failures are said, and it is fast."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -128,6 +130,14 @@ def test_a_search_cut_short_is_no_answer(drawing):
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
     with pytest.raises(CalibrationError, match="does not converge in 2 evaluations"):
         fitted(virtual, FitOptions(max_evaluations=2))
+
+
+def test_a_search_whose_noise_is_far_too_small_says_so(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
+    sharp = replace(virtual.measured, sigma_position_m=1e-9, sigma_rotation_rad=1e-9)
+    start = first_frames(virtual.rows, virtual.measured)
+    with pytest.raises(CalibrationError, match="times the noise: state a noise that the model can keep to"):
+        identify(virtual.rows, sharp, start, virtual.prior, FitOptions(max_evaluations=2))
 
 
 @pytest.mark.parametrize(("count", "wanted", "most"), [(40, "geometry", 57), (300, "all", 100)])

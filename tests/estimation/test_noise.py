@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.estimation.instruments import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.estimation.map_fit import first_frames, fit_with_noise
 from pouring_robot.estimation.noise import noise_beforehand, repeat_noise, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses
@@ -43,6 +45,12 @@ def test_repeat_noise_by_hand():
     assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
 
 
+def test_exact_repeats_do_not_tell_the_noise():
+    rounded = np.random.default_rng(1).normal(size=(13, 3)) * 0.5 * LEAST_NOISE
+    measured = MeasuredPoses(1.0 + rounded, Rotation.from_rotvec(rounded).as_matrix(), 1.0, 1.0)
+    assert repeat_noise(measured, [np.arange(13)]) == (None, None)
+
+
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
     stated = noise_beforehand(clean.campaign, np.arange(60))
     assert (stated.position_m, stated["position"].source) == (SIGMA_M, "stated")
@@ -51,6 +59,21 @@ def test_what_is_stated_counts_first_and_without_anything_residuals(clean, posit
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
     assert noise_beforehand(blank, np.arange(60)).from_residuals
     assert noise_beforehand(positions.campaign, np.arange(60))["rotation"].source == "none"
+
+
+def test_exact_data_leave_the_least_noise_and_say_so(drawing, clean):
+    """Twelve refits that each find less would be eleven too many."""
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
+    seen = virtual.rows.predict(virtual.unknowns)
+    exact = MeasuredPoses(seen.position_m, seen.rotation, 1.0, 1.0)
+    open_noise = NoiseLevel({"position": Noise(source="residuals"), "rotation": Noise(source="residuals")})
+    start = first_frames(virtual.rows, virtual.measured)
+    fit, noise = fit_with_noise(virtual.rows, exact, start, virtual.prior, open_noise)
+    assert noise.position_m == noise.rotation_rad == LEAST_NOISE
+    assert fit.evaluations <= 12
+    assert "0.001 mm or mrad stands for it" in noise.least_words
+    assert "(sigma_position_mm, sigma_rotation_mrad in the YAML)" in noise.least_words
+    assert NoiseLevel.stated(LEAST_NOISE, LEAST_NOISE).least_words == ""
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):

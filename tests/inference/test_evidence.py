@@ -279,6 +279,15 @@ def test_shaping_that_rounding_alone_is_left_of_needs_no_unit(rng):
     assert shaping_unit(columns.T @ columns, np.array([True, False, False])) == 1.0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_columns_alike_but_for_rounding_have_an_evidence(seed):
+    """Of five equal columns far above the noise four are rounding, of either sign: that is no variance."""
+    rng = np.random.default_rng(seed)
+    columns, residual = 1e9 * rng.normal(size=(40, 1)) * rng.uniform(0.5, 2.0, 5), rng.normal(size=40)
+    with np.errstate(invalid="raise"):
+        assert np.isfinite(bayes_factor(columns.T @ columns, columns.T @ residual).evidence)
+
+
 def test_what_is_found_cannot_be_changed():
     found = bayes_factor(np.eye(1), np.ones(1))
     for thing, name in ((found, "evidence"), (Gram(np.eye(1), np.ones(1), 1.0), "squared")):
