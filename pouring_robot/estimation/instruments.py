@@ -39,8 +39,8 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
 Rows = NDArray[np.intp] | BoolArray
 Source = Literal["stated", "repeats", "residuals", "none"]
 LEAST_NOISE = 1e-6
-"""In m or rad: what is left over of exact data is less, and as noise would make of their rounding an error of the robot.
-No device that robots are measured with reads better."""
+"""In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
+device that robots are measured with reads better."""
 
 
 def kind_of(components: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -270,7 +270,8 @@ class NoiseLevel:
         if not exact:
             return ""
         keys = ", ".join(f"sigma_{kind}_{'mrad' if kind == 'rotation' else 'mm'}" for kind in exact)
-        return f"hardly any is left over, so {LEAST_NOISE / MM:g} mm or mrad stands for it: state it ({keys} in the YAML)"
+        least = f"{LEAST_NOISE / MM:g} mm or mrad"
+        return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:
