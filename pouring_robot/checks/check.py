@@ -13,7 +13,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import check_columns, distinct_poses
 from pouring_robot.checks.conditions import check_conditions
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows, undone
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.noise import check_noise
 from pouring_robot.checks.outliers import check_rows
@@ -67,11 +67,11 @@ def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
 
 def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
     """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
-    metadata, fit = campaign.metadata, found.fit
+    metadata, fit, wrong = campaign.metadata, found.fit, outlier_rows(found.flags)
     figures: dict[str, Any] = {
         "file": str(campaign.path),
         "rows": len(campaign),
-        "usable_rows": int(campaign.usable.sum()),
+        "usable_rows": int(np.setdiff1d(np.flatnonzero(campaign.usable), wrong).size),
         "distinct_poses": distinct_poses(campaign),
         "sessions": dict(Counter(campaign.sessions)),
         "full_pose": campaign.full_pose,
@@ -79,8 +79,9 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "ranges": dict(_ranges(campaign)),
         "missing_conditions": list(campaign.missing_conditions()),
         "metadata": metadata.model_dump(mode="json"),
-        "outlier_rows": outlier_rows(found.flags).tolist(),
+        "outlier_rows": wrong.tolist(),
         "flags": [flag.to_json(campaign) for flag in found.flags],
+        "undone": undone(found.flags),
         "misfit": None,
         "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m * 1e3,
         "untold_of_the_frames": [] if fit is None else list(fit.untold),

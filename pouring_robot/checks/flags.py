@@ -146,6 +146,20 @@ class FlagCode(enum.StrEnum):
 ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES, FlagCode.REPEATED_ROWS)
 """What is wrong with single rows: they are left out, and the others can be used."""
 
+_UNDONE = {
+    FlagCode.DRIVE_UNIT: "the unit of {} corrected",
+    FlagCode.DRIVE_REVERSED: "the sign of {} turned",
+    FlagCode.DRIVES_EXCHANGED: "{} exchanged back",
+    FlagCode.POSITION_UNIT: "the unit of {} corrected",
+    FlagCode.FRAMES_SWAPPED: "the measured poses inverted",
+    FlagCode.MIRRORED_AXES: "signs and order of {} put right",
+    FlagCode.ROTATION_UNIT: "the unit of {} corrected",
+    FlagCode.ROTATION_INVERTED: "the sign of {} turned",
+    FlagCode.EULER_ANGLES: "{} converted to a rotation vector",
+    FlagCode.APART_SESSIONS: "frames of its own for each session",
+}
+"""What is undone where it is found, for the checks and figures that follow."""
+
 
 @dataclass(frozen=True)
 class DataFlag:
@@ -223,6 +237,12 @@ def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
     """Return the rows that no fit should use: outliers, poses or drives out of reach, and copies; ascending."""
     rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
+
+
+def undone(flags: Iterable[DataFlag]) -> list[str]:
+    """Return in words which of the mistakes found are undone in what the checks compare, in the order of findings."""
+    told = [flag for flag in flags if flag.code in _UNDONE]
+    return [_UNDONE[flag.code].format(", ".join(f"'{heading}'" for heading in flag.columns)) for flag in told]
 
 
 def where(campaign: Campaign, rows: Sequence[int] | Rows, most: int = 6) -> str:

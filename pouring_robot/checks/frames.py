@@ -17,7 +17,17 @@ from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
-from pouring_robot.checks.units_and_axes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
+from pouring_robot.checks.units_and_axes import (
+    DRIVE_MISTAKES,
+    LEFT_HANDED,
+    TURN_MISTAKES,
+    Comparison,
+    Mistake,
+    mirror_mistakes,
+    position_mistakes,
+    reversed_words,
+    reversed_x,
+)
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
@@ -36,8 +46,10 @@ _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
 _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
+_AS_WELL = "; as well possible: "
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
+_NEARLY_ALL = 0.9
 _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
 _TIMES_BETTER = 3.0
@@ -90,7 +102,10 @@ class FrameChecks:
         self._unreachable()
 
     def _drive_units(self, drives: FloatArray) -> FloatArray:
-        """Name and undo units of drives that their limits give away; where one is wrong, others of its kind may be."""
+        """Name and undo units and signs of drives that their limits give away.
+
+        Where a unit is wrong, others of its kind may be.
+        """
         beyond = (drives < self._lower) | (drives > self._upper)
         share = beyond.sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
         wrong: set[str] = set()
@@ -99,13 +114,20 @@ class FrameChecks:
             if share[index] < (_SOME_BEYOND if kind in wrong else _MOST_BEYOND):
                 continue
             low, high, values = self._lower[index], self._upper[index], drives[:, index]
-            zero = self.campaign.robot.drives[index].zero
+            drive = self.campaign.robot.drives[index]
+            zero = drive.zero
             known = values[np.isfinite(values)] - zero
-            if np.mean((zero - known >= low) & (zero - known <= high)) > 0.9:
-                continue  # counted the other way: that is tried with the frames
+            if _mostly_within(zero - known, low, high):  # counted the other way
+                # Where limits tell nothing of signs, or another's values would fit, that is tried with the frames.
+                others = (self.campaign.drives[:, k] for k in np.flatnonzero(share >= _MOST_BEYOND) if k != index)
+                if not low < zero < high and not any(_mostly_within(other, low, high) for other in others):
+                    words, metrics = reversed_words(self.campaign, drive.column), {"beyond": float(share[index])}
+                    self._found(FlagCode.DRIVE_REVERSED, words, [drive.column], metrics)
+                    drives[:, index] = 2.0 * zero - values
+                continue
             for factor, mistake in DRIVE_MISTAKES[kind]:
-                if np.mean((known * factor + zero >= low) & (known * factor + zero <= high)) > 0.9:
-                    median, drive = float(np.median(np.abs(known))), self.campaign.robot.drives[index]
+                if _mostly_within(known * factor + zero, low, high):
+                    median = float(np.median(np.abs(known)))
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
                     message += f" come to {median:g} {drive.unit} (median)"
                     metrics = {f"median_{drive.unit}": median, "factor": factor}
@@ -184,7 +206,30 @@ class FrameChecks:
         if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
             self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
+        self._which_axes()
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
+
+    def _which_axes(self) -> None:
+        """Name the axes that are mirrored, where rotations tell them: as they are, they fit one mirror image only."""
+        told = next((k for k, flag in enumerate(self.flags) if flag.code is FlagCode.MIRRORED_AXES), None)
+        if told is None or not self._turns:
+            return
+        mirrored, flag = reversed_x(self.data), self.flags[told]
+        tried = [(mistake, undone) for mistake in mirror_mistakes(self.campaign) if (undone := mistake.undo(mirrored))]
+        best = _least([one for one in _fitted(tried, _turn_misfit, _HOPELESS_RAD) if one[0] <= _HOPELESS_RAD])
+        if best is None or best.message.count(_AS_WELL) == len(tried) - 1:
+            return  # rotations do not tell
+        _, *others = flag.message.split(_AS_WELL)
+        message = _AS_WELL.join([f"{LEFT_HANDED}: {best.message}", *others])
+        headings = tuple(self.campaign.heading(name) for name in best.names)
+        self.flags[told] = dataclasses.replace(flag, message=message, columns=headings)
+        self.data = best.undo(mirrored) or self.data
+
+    @property
+    def _turns(self) -> bool:
+        """Whether enough rotations were measured to compare them."""
+        vectors = self.data.rotation_vector_rad
+        return vectors is not None and int(np.isfinite(vectors).all(axis=1).sum()) >= FEWEST_ROWS
 
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
@@ -199,19 +244,12 @@ class FrameChecks:
         def misfit(data: Comparison, rough: bool) -> float:
             return data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
 
-        left = _fitted(tried, misfit, most)
-        if not left:
-            return None
-        left.sort(key=lambda one: one[0])
-        (least, best), others = left[0], left[1:]
-        equals = [f"; as well possible: {mistake.message}" for misfit, mistake in others if misfit < _EQUAL * least]
-        return dataclasses.replace(best, message=best.message + "".join(equals))
+        return _least(_fitted(tried, misfit, most))
 
     # --- rotations ---
 
     def _rotations(self) -> None:
-        vectors = self.data.rotation_vector_rad
-        if self.fit is None or vectors is None or np.isfinite(vectors).all(axis=1).sum() < FEWEST_ROWS:
+        if self.fit is None or not self._turns:
             return
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
         before = _turn_misfit(self.data, rough=False)
@@ -237,6 +275,20 @@ class FrameChecks:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
+
+
+def _mostly_within(values: FloatArray, low: float, high: float) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(np.mean((known >= low) & (known <= high)) > _NEARLY_ALL)
+
+
+def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
+    """Return the mistake that leaves the least misfit; it tells its equals. None: there is none."""
+    if not left:
+        return None
+    (least, best), *others = sorted(left, key=lambda one: one[0])
+    equals = [mistake.message for misfit, mistake in others if misfit < _EQUAL * least]
+    return dataclasses.replace(best, message=_AS_WELL.join([best.message, *equals]))
 
 
 def _fitted(

@@ -32,6 +32,7 @@ ANGLE_MISTAKES = (
     (180.0 / math.pi, "radians under a heading in degrees"),
 )
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
+LEFT_HANDED = "the axes of the measured positions are left-handed"
 _TELLING_SPREAD = 1e-2  # below it the affine map says little
 _NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
@@ -124,14 +125,19 @@ class Mistake:
     undo: Callable[[Comparison], Comparison | None]
 
 
-def _turned(code: FlagCode, message: str, change: Callable[[FloatArray], FloatArray]) -> Mistake:
+def _turned(
+    code: FlagCode,
+    message: str,
+    change: Callable[[FloatArray], FloatArray],
+    names: Sequence[str] = columns.ROTATION,
+) -> Mistake:
     """Return a mistake of rotation vectors; the change takes rows (n, 3) of what was read to vectors in rad."""
 
     def undo(data: Comparison) -> Comparison:
         vectors = data.rotation_vector_rad
         return dataclasses.replace(data, rotation_vector_rad=None if vectors is None else change(vectors))
 
-    return Mistake(code, message, columns.ROTATION, undo)
+    return Mistake(code, message, names, undo)
 
 
 def _turn_mistakes() -> Iterator[Mistake]:
@@ -143,7 +149,7 @@ def _turn_mistakes() -> Iterator[Mistake]:
         message = f"of the measured rotation vectors {' and '.join(reversed_)} seem to have the wrong sign"
         if len(reversed_) == 3:
             code, message = FlagCode.ROTATION_INVERTED, f"{words} turn the other way: the tracker seen from the target"
-        yield _turned(code, message, functools.partial(np.multiply, sign))
+        yield _turned(code, message, functools.partial(np.multiply, sign), reversed_)
     for factor, wrong in ANGLE_MISTAKES:
         yield _turned(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
     about = {"xyz": "roll, pitch and yaw about fixed x, y and z", "XYZ": "about moving x, y and z"}
@@ -183,12 +189,43 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
         yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), Comparison.inverse)
     if affine is not None and np.linalg.det(affine) < 0.0:
-        message = "the axes of the measured positions are left-handed: one is reversed, or two are exchanged"
-        reversed_x = functools.partial(_scaled, factor=np.array([-1.0, 1.0, 1.0]))
+        message = f"{LEFT_HANDED}: one is reversed, or two are exchanged"
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)
     yield from _drive_units(campaign, drawing)
     yield from _drives_reversed(campaign, drawing)
     yield from _drives_exchanged(campaign, drawing)
+
+
+def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
+    """Yield every way in which positions become left-handed; of poses, rotations may tell which it is."""
+    headings, code = [campaign.heading(name) for name in columns.POSITION], FlagCode.MIRRORED_AXES
+    for k, heading in enumerate(headings):
+        undo = functools.partial(_scaled, factor=np.where(np.arange(3) == k, -1.0, 1.0))
+        yield Mistake(code, f"column '{heading}' seems to have the wrong sign", columns.POSITION[k : k + 1], undo)
+    for pair in itertools.combinations(range(3), 2):
+        order = np.arange(3)
+        order[list(pair)] = pair[::-1]
+        named = " and ".join(f"'{headings[k]}'" for k in pair)
+        undo = functools.partial(_reordered, order=order)
+        yield Mistake(code, f"columns {named} seem to be exchanged", [columns.POSITION[k] for k in pair], undo)
+    message = "one is reversed, or two are exchanged, and the rotations' are with them"
+    yield Mistake(code, message, (*columns.POSITION, *columns.ROTATION), _mirrored)
+
+
+def reversed_x(data: Comparison) -> Comparison:
+    """Return the same with x reversed: of positions alone any mirror image is as good."""
+    return _scaled(data, np.array([-1.0, 1.0, 1.0]))
+
+
+def _reordered(data: Comparison, order: Rows) -> Comparison:
+    return dataclasses.replace(data, position_m=data.position_m[:, order])
+
+
+def _mirrored(data: Comparison) -> Comparison:
+    """Return the same with positions and rotations seen in a mirror: where x is reversed, turns about y and z are."""
+    vectors = data.rotation_vector_rad
+    turned = None if vectors is None else vectors * np.array([1.0, -1.0, -1.0])
+    return dataclasses.replace(reversed_x(data), rotation_vector_rad=turned)
 
 
 def _scaled(data: Comparison, factor: float | FloatArray) -> Comparison:
@@ -221,8 +258,13 @@ def _drives_reversed(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     for k, drive in enumerate(campaign.robot.drives):
         signs = np.ones(len(campaign.robot.drives))
         signs[k] = -1.0
-        message = f"column '{campaign.heading(drive.column)}' seems to be counted the other way: its sign is reversed"
+        message = reversed_words(campaign, drive.column)
         yield _drives_changed(campaign, drawing, FlagCode.DRIVE_REVERSED, message, np.diag(signs))
+
+
+def reversed_words(campaign: Campaign, name: str) -> str:
+    """Return what is said of a drive that is counted the other way."""
+    return f"column '{campaign.heading(name)}' seems to be counted the other way: its sign is reversed"
 
 
 def _drives_exchanged(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:

@@ -182,16 +182,18 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     """Yield what is not recorded, how far the nominal robot is off, and what the data do not tell."""
     if missing := figures["missing_conditions"]:
         yield f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}"
+    undone = f", with {'; '.join(figures['undone'])}" if figures["undone"] else ""
     if misfit := figures["misfit"]:
         parts = []
         for what, unit in (("position", "mm"), ("rotation", "mrad")):
             value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
             if value is not None:
                 parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
-        yield f"against the nominal robot, the two unknown frames fitted: {', '.join(parts)} a component, robust"
+        fitted = f"the two unknown frames fitted{undone}"
+        yield f"against the nominal robot, {fitted}: {', '.join(parts)} a component, robust"
     disagree = figures["redundant_drives_disagree_mm"]
     if disagree is not None:
-        yield f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)"
+        yield f"redundant drives of the nominal robot{undone} disagree by {disagree:.3g} mm (RMS)"
     for direction in figures["untold_of_the_frames"]:  # held at zero, and costs nothing
         text = " ".join(f"{share:+.3g} {name}" for name, share in direction.items())
         yield f"the poses do not tell of the frames: {text.removeprefix('+')}"

@@ -34,6 +34,26 @@ def test_simulate_and_check(tmp_path, capsys):
     assert figures["ranges"]["q1"]["unit"] == "mm"
 
 
+def test_says_what_is_undone_and_how_many_rows_are_used(tmp_path, capsys):
+    assert simulate(tmp_path) == 0
+    path = tmp_path / "c.csv"
+    head, *rows = path.read_text().splitlines()
+    k = head.split(",").index("q1_mm")
+    turned = [",".join([*row[:k], f"-{row[k]}", *row[k + 1 :]]) for row in (line.split(",") for line in rows)]
+    path.write_text("\n".join([head, *turned]) + "\n")
+    capsys.readouterr()
+    assert main(["campaign", "check", str(path)]) == 2
+    output = " ".join(capsys.readouterr().out.split())
+    assert "frames fitted, with the sign of 'q1_mm' turned: " in output
+    path.write_text("\n".join([head, *(row for row in rows for _ in range(2))]) + "\n")
+    assert main(["campaign", "check", str(path)]) == 0
+    output = capsys.readouterr().out
+    assert "80 rows of full poses, 40 usable" in output and "frames fitted: " in " ".join(output.split())
+    assert main(["campaign", "check", str(path), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures["usable_rows"], figures["undone"]) == (40, [])
+
+
 @pytest.mark.parametrize("more", [[], ["--json"]])
 def test_an_error_in_the_data_ends_with_exit_code_2(tmp_path, capsys, more):
     assert simulate(tmp_path) == 0

@@ -108,7 +108,11 @@ DAMAGES = {
         euler("XYZ"),
         lambda c: damaged(euler("xyz")(c), rotation_vector_rad=scaled([0, 1, 2], 1 / DEG)),
     ],
-    "drive_reversed": [lambda c: damaged(c, drives=scaled([3], -1.0))],
+    "drive_reversed": [
+        lambda c: damaged(c, drives=scaled([3], -1.0)),
+        lambda c: damaged(c, drives=scaled([0], -1.0)),  # it closes as well, with the leg turned round
+        lambda c: damaged(c, drives=scaled([0, 1], -1.0)),
+    ],
     "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
         lambda c: damaged(c, drives=scaled([0, 1, 2], 1000.0)),
@@ -134,6 +138,9 @@ DAMAGES = {
     "mirrored_axes": [
         lambda c: damaged(c, position_m=exchange(0, 2), rotation_vector_rad=None),
         lambda c: damaged(c, position_m=scaled([1], -1.0), rotation_vector_rad=None),
+        lambda c: damaged(c, position_m=scaled([2], -1.0)),
+        lambda c: damaged(c, position_m=exchange(0, 1)),
+        lambda c: damaged(c, position_m=scaled([2], -1.0), rotation_vector_rad=scaled([0, 1], -1.0)),
         lambda c: damaged(c, rotation_vector_rad=scaled([1], -1.0)),
         lambda c: damaged(c, rotation_vector_rad=scaled([0, 2], -1.0)),
     ],
@@ -313,6 +320,23 @@ def test_finds_two_mistakes_at_once(drawing, clean):
 def test_inverse_positions_alone_are_recognised(drawing, clean):
     campaign = damaged(inverse_poses(clean.campaign), rotation_vector_rad=None)
     assert codes(check_campaign(campaign, drawing.kinematics)) == {"frames_swapped"}
+
+
+@pytest.mark.parametrize(
+    ("change", "columns"),
+    [
+        ({"position_m": scaled([2], -1.0)}, ("z_mm",)),
+        ({"position_m": exchange(0, 1)}, ("x_mm", "y_mm")),
+        (
+            {"position_m": scaled([2], -1.0), "rotation_vector_rad": scaled([0, 1], -1.0)},
+            ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"),
+        ),
+        ({"drives": scaled([0], -1.0)}, ("q1_mm",)),
+    ],
+)
+def test_one_finding_names_what_is_mirrored(as_built, real, change, columns):
+    (flag,) = check_campaign(damaged(real.campaign, **change), as_built.kinematics)
+    assert flag.columns == columns
 
 
 def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
