@@ -164,7 +164,8 @@ def calibrate(
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
-    own_frames, turned = [parameter.name for parameter in sessions], bool(measured.known[parts.train, 3:].any())
+    own_frames = [parameter.name for parameter in sessions]
+    located, turned = (bool(instrument[parts.train].known.any()) for instrument in measured.instruments[:2])
     return Calibration(
         campaign=campaign,
         present=model,
@@ -184,7 +185,7 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, turned=turned),
+        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, located=located, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
 

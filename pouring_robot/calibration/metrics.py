@@ -106,16 +106,18 @@ def _figures(before: FloatArray, after: FloatArray) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class LadleUncertainty:
-    """Standard deviation of the predicted pouring lip, as the tracker would see it, noise apart.
+    """Standard deviation of the predicted pouring lip, as the device would see it, noise apart.
 
     The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
     does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
-    counts as far as tolerances leave it open.
+    counts as far as tolerances leave it open. Distances hardly tell where their device and the target stand: where
+    nothing else was measured, the lip is that of the robot's own base.
     """
 
     position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
     tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
-    std_m: FloatArray  # of x, y and z in tracker axes, shape (n, 3), in m
+    std_m: FloatArray  # of x, y and z in axes of the tracker, or of the base, shape (n, 3), in m
+    located: bool  # whether the device saw where the target was, so that the axes are the tracker's
 
     @property
     def half_width_m(self) -> FloatArray:
@@ -129,11 +131,12 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 
 
 def ladle_uncertainty(
-    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, *, turned: bool
+    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, *, located: bool, turned: bool
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 
-    ``turned`` says whether rotations were measured, so that the attitude of the target is known.
+    ``located`` says whether coordinates were measured, so that there are axes they stand in, ``turned`` whether
+    rotations were, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed
@@ -143,9 +146,13 @@ def ladle_uncertainty(
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
     tool = rows.model.engine.structure.mechanism.T_end_tool
     arm = tool.translation - unknowns.frames.T_end_target.translation
-    lever = np.einsum("ij,njk,k->ni", unknowns.frames.T_tracker_base.rotation, rotation, arm)
+    axes = unknowns.frames.T_tracker_base.rotation
+    lever = np.einsum("ij,njk,k->ni", axes, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
+    if not located:
+        lip[:, :, :FRAMES] = 0.0
+        lip = axes.T @ lip
     turn = rows.start.rotation[closed]
     tilt = np.arctan2(turn[:, 0, 2], turn[:, 2, 2]) if np.allclose(turn[:, 1, 1], 1.0) else None
     std = np.sqrt(np.maximum(((lip @ covariance) * lip).sum(axis=2), 0.0))
-    return LadleUncertainty(rows.start.position[closed], tilt, std)
+    return LadleUncertainty(rows.start.position[closed], tilt, std, located)

@@ -141,8 +141,11 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     if not half.size:
         return "the workspace box holds no pose the robot can take"
     _, point = calibration.present.definition.tool_words
+    # Closures need no device, and have no frames.
+    seen = calibration.ladle.located or calibration.noise["distance"].source == "none"
+    base = "" if seen else "in the robot's own base, for distances hardly tell where device and target stand, "
     return (
-        f"as far as what was kept explains the robot, the model knows each coordinate of {point} to "
+        f"as far as what was kept explains the robot, {base}the model knows each coordinate of {point} to "
         f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
         "measurement noise comes on top"
     )

@@ -230,6 +230,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
         pose["tilt_deg"] = math.degrees(ladle.tilt_rad[worst])
     return {
         "poses": len(half),
+        "axes": "tracker" if ladle.located else "base",
         "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
         "with_noise95_mm": {"median": float(np.median(np.hypot(half, Z95 * calibration.noise.length_m / MM)))},
         "worst_pose": pose,

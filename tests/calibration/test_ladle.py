@@ -17,25 +17,29 @@ def fitted(drawing):
     return virtual, identify(virtual.rows, virtual.measured, start, virtual.prior)
 
 
-def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
+def uncertainty(drawing, virtual, covariance, unknowns, *, located=True, turned):
     rows = workspace_rows(virtual.model)
     lip = drawing.nominal_solver.mechanism.T_end_tool
-    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, turned=turned)
+    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, located=located, turned=turned)
 
 
-def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):
-    """Target and lip are one rigid body, seen from the tracker; draws are predicted exactly."""
+@pytest.mark.parametrize("located", [True, False])
+def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted, located):
+    """Target and lip are one rigid body, seen from the tracker, or from the base; draws are predicted exactly."""
     virtual, fit = fitted
     small = 1e-4 * fit.covariance  # small enough that first order holds
-    rows, lip, found = uncertainty(drawing, virtual, small, fit.unknowns, turned=True)
+    rows, lip, found = uncertainty(drawing, virtual, small, fit.unknowns, located=located, turned=True)
     rows = rows[np.arange(0, len(rows), 9)]
-    target_to_lip = fit.unknowns.frames.T_end_target.inverse() * lip
+    frames = fit.unknowns.frames
+    target_to_lip, axes = frames.T_end_target.inverse() * lip, np.eye(3) if located else frames.T_tracker_base.rotation
     random = np.random.default_rng(0)
     draws = random.multivariate_normal(fit.unknowns.values, small, size=300, method="svd")
     seen = []
+    if not located:
+        draws[:, :FRAMES] = fit.unknowns.values[:FRAMES]
     for values in draws:
         there = rows.predict(fit.unknowns.at(values))
-        seen.append(there.position_m + there.rotation @ target_to_lip.translation)
+        seen.append((there.position_m + there.rotation @ target_to_lip.translation) @ axes)
     np.testing.assert_allclose(found.std_m[::9], np.std(seen, axis=0), rtol=0.25)
 
 
