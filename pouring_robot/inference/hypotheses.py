@@ -15,7 +15,6 @@ from pouring_robot.inference.evidence import (
     BayesFactor,
     Beside,
     BoolArray,
-    Gram,
     Places,
     Scale,
     bayes_factor,
@@ -34,8 +33,6 @@ _LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
-_WIDE = 40
-"""An item of more columns is taken out once for all hypotheses that share it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,27 +116,6 @@ class Hypothesis:
         """What is to be seen beside everything fitted."""
         return Beside.groups(self.problem.gram, self._groups)
 
-    @property
-    def _gram(self) -> Gram:
-        """All inner products beside workmanship."""
-        known = self.problem.worked_out
-        if self.levels not in known:
-            known[self.levels] = Beside.groups(self.problem.gram, self.workmanship()).gram
-        found: Gram = known[self.levels]
-        return found
-
-    @functools.cached_property
-    def _beside(self) -> Beside:
-        """The same as :attr:`everything`, from what other hypotheses have in common with this one."""
-        items = range(len(self.items))
-        wide = [k for k in items if self.items[k].columns.shape[1] > _WIDE][:1]
-        if not wide:
-            return Beside.groups(self._gram, [self._group(k) for k in items])
-        key, known = (self.levels, self.items[wide[0]].key, self.scales[wide[0]]), self.problem.worked_out
-        if key not in known:
-            known[key] = Beside.groups(self._gram, [self._group(wide[0])]).gram
-        return Beside.groups(known[key], [self._group(k) for k in items if k not in wide])
-
     @functools.cached_property
     def log_evidence(self) -> float:
         """Log evidence, scales averaged, forms as likely as each other, up to a constant of the problem, in nats."""
@@ -152,8 +128,7 @@ class Hypothesis:
         if "likelihood" not in self._known:
             steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
             prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
-            every = Beside.groups(self._gram, [self._group(k) for k in range(len(self.items))])
-            self._known["likelihood"] = every.log_likelihood + prior
+            self._known["likelihood"] = self.everything.log_likelihood + prior
         found: float = self._known["likelihood"]
         return found
 
@@ -191,7 +166,7 @@ class Hypothesis:
 
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
-        inner, projected = self._beside.of(self.problem.places(item))
+        inner, projected = self.everything.of(self.problem.places(item))
         return inner, projected, item.main, self.problem.shaping_units[item.key]
 
     @functools.cached_property
@@ -223,15 +198,9 @@ class Hypothesis:
 
     def without(self, indices: Collection[int]) -> Hypothesis:
         """Return the hypothesis with some explanations less, all else held."""
-        keep = tuple(k for k in range(len(self.items)) if k not in indices)
-        if keep not in self._fewer:
-            items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
-            self._fewer[keep] = replace(self, items=items, scales=scales)
-        return self._fewer[keep]
-
-    @functools.cached_property
-    def _fewer(self) -> dict[tuple[int, ...], Hypothesis]:
-        return {}
+        keep = [k for k in range(len(self.items)) if k not in indices]
+        items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
+        return replace(self, items=items, scales=scales)
 
     def with_item(self, item: Explanation, scale: Scale) -> Hypothesis:
         """Return the hypothesis with one more explanation, settled."""
