@@ -54,11 +54,12 @@ def test_the_test_block_is_not_looked_at(real):
     np.testing.assert_array_equal(one.fit.unknowns.values, other.fit.unknowns.values)
 
 
-@pytest.mark.parametrize(("name", "changed"), [("drawing", False), ("as_built", True)])
-def test_exact_data_are_calibrated_with_the_least_noise(name, changed, request):
-    exact = measure(request.getfixturevalue(name), seed=4, sigma_position_m=0.0, sigma_rotation_rad=0.0)
-    found = calibrate(exact.campaign)
-    assert found.changed == changed
+@pytest.mark.parametrize("drive_errors", [{}, {"leg1_s3": 4e-3}], ids=["drawing", "longer"])
+def test_exact_data_are_calibrated_with_the_least_noise(drive_errors, drawing):
+    robot = drawing.built_as(drawing.model.displaced({}, drive_errors))
+    exact = measure(robot, seed=4, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    found = calibrate(exact.campaign, None, CalibrationOptions(parameters=("drives",)))
+    assert found.changed == bool(drive_errors)
     assert found.noise.position_m == found.noise.rotation_rad == LEAST_NOISE
     assert any("stands for it: state it (sigma_position_mm" in line for line in warnings_of(found))
     assert found.misfit(found.split.test, after=True).rms_mm < 0.02
