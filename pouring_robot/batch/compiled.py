@@ -19,9 +19,9 @@ from pouring_robot.batch.kernels.newton import NOT_CONVERGED
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import ByteArray, StarStructure, fixed
+from pouring_robot.batch.structure import ByteArray, IntArray, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -107,13 +107,23 @@ class CompiledEngine(Engine):
         return result
 
     def _straight(
-        self, drives: FloatArray, start: BatchStart, placed: SiteErrors, most_open: float | None = None
+        self,
+        drives: FloatArray,
+        start: BatchStart,
+        placed: SiteErrors,
+        most_open: float | None = None,
+        chain: IntArray | None = None,
     ) -> BatchClosure:
-        """Close every sample straight from its start; loops may stay open by so much (m, rad), or as options say."""
+        """Close every sample straight from its start, or carry the end frame by one ``chain`` each, (n,).
+
+        Loops may stay open by so much (m, rad), or as options say.
+        """
         result, samples = self._room_for(start), _samples(start, placed)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
-        if self.structure.is_serial:
-            self._share(len(start), carry_samples, samples, drives, written)
+        if chain is not None or self.structure.is_serial:
+            own = fixed(np.zeros(len(start)) if chain is None else chain, np.int64)
+            self._share(len(start), carry_samples, samples, drives, own, written)
+            result.residual[result.closed] = 0.0
             return result
         options = self.options
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
@@ -121,6 +131,23 @@ class CompiledEngine(Engine):
         settings = fixed([*limits, *open_by])
         self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written)
         return result
+
+    def carry(
+        self, chain: IntArray, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
+    ) -> BatchClosure:
+        """Carry the end frame by one open chain of each sample, (n,) from 0; all joints but the drives are held.
+
+        Its loops count as closed; the other arguments and what is raised are those of :meth:`close`.
+        """
+        count, (chains, joints) = len(start), self.structure.star.revolute.shape
+        drives = shaped(drives, (count, len(self.structure.mechanism.loops.drives)), "'drives'")
+        shaped(start.joints, (count, chains, joints), "the start's joints")
+        if chain.shape != (count,) or not np.isin(chain, range(chains)).all():
+            raise BadInputError(f"'chain' must hold {count} numbers of chains from 0 to {chains - 1}")
+        placed = SiteErrors.take(errors, count, self.structure.site_count)
+        carried = self._straight(drives, start, placed, chain=chain)
+        lock_fields(carried, *vars(carried))
+        return carried
 
     def _room_for(self, start: BatchStart) -> BatchClosure:
         return BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
+from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -33,7 +34,7 @@ from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
-from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms
+from pouring_robot.sweeps.evaluation import Platforms, Robots
 from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
 
 _MOST_ROUNDS = 20
@@ -195,11 +196,10 @@ class SweepPlan:
         return ErrorMap(self.catalogue, self.parameters)
 
     @functools.cached_property
-    def evaluator(self) -> ClosedChains | OpenBranch:
+    def evaluator(self) -> Robots:
         """What puts robots at poses."""
-        if self.config.kind == "open_branch":
-            return OpenBranch(self.mechanism)
-        return ClosedChains(self.mechanism, self.error_map.joints, self.threads)
+        joints, open_branch = self.error_map.joints, self.config.kind == "open_branch"
+        return Robots(self.mechanism, joints, self.threads, open_branch=open_branch)
 
     @functools.cached_property
     def content(self) -> dict[str, Any]:

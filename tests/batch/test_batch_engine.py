@@ -301,6 +301,14 @@ def test_open_branches_equal_differences_of_pinocchios_kinematics(paper):
         return np.r_[more.translation - less.translation, turn] / (2.0 * STEP)
 
     held = command.start.joints[0]
+    for chain in range(4):
+        found = engine.carry(np.array([chain]), command.drives, command.start, errors).require_all()
+        expected = carried(errors, chain + 1, held)
+        np.testing.assert_allclose(found.position[0], expected.translation, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.rotation[0], expected.rotation, rtol=0, atol=1e-13)
+        assert not found.residual.any()
+    with pytest.raises(BadInputError, match="from 0 to 3"):
+        engine.carry(np.array([4]), command.drives, command.start)
     for p in range(0, PARAMETERS, 5):
         leg = p // 36 + 1
         poses = [carried(on_top(errors, p, k * STEP), leg, held) for k in (-1, 1)]

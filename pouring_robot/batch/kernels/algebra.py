@@ -88,6 +88,12 @@ def turn_back(r: Rotation, a: Triple) -> Triple:
 
 
 @compiled
+def transposed(r: Rotation) -> Rotation:
+    """Return the axes of a rotation as rows."""
+    return r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]
+
+
+@compiled
 def product(a: Rotation, b: Rotation) -> Rotation:
     """Return the rotation A B."""
     return (

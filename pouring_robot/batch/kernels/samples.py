@@ -5,7 +5,7 @@ A sample's result depends on its own input only, never on the range or the threa
 
 import math
 
-from pouring_robot.batch.kernels.algebra import dot
+from pouring_robot.batch.kernels.algebra import dot, product, transposed
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.loops import (
     SHIFT,
@@ -15,12 +15,13 @@ from pouring_robot.batch.kernels.loops import (
     Samples,
     branch_end,
     displace,
+    nine,
     put,
     residual_of,
     three,
 )
 from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
-from pouring_robot.batch.structure import Star
+from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 
 _ROTATION_TOLERANCE = 1e-6
@@ -145,14 +146,22 @@ def close_samples(
 
 @outermost
 def carry_samples(
-    star: Star, room: Room, samples: Samples, drives: FloatArray, closures: Closures, first: int, last: int
+    star: Star,
+    room: Room,
+    samples: Samples,
+    drives: FloatArray,
+    chain: IntArray,
+    closures: Closures,
+    first: int,
+    last: int,
 ) -> None:
-    """Carry a serial arm's end frame, samples ``first`` to ``last``; of the start only the locked joints count."""
+    """Carry the end frame by one chain a sample (n,), ``first`` to ``last``; of the start only the joints count."""
     for row in range(first, last):
         load_joints(star, room, samples.joints[row])
         load_drives(star, room, drives[row])
         sound = place_errors(star, room, samples, row, first)
-        axes, _, origin = branch_end(star, room, 0)
+        r_a, _, origin = branch_end(star, room, chain[row])
+        axes = product(r_a, transposed(nine(room.sites[chain[row], star.revolute.shape[1] + 1], 0)))
         put(room.platform, 9, origin)
         for c in range(9):
             room.platform[c] = axes[c]

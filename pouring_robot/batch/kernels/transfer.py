@@ -16,7 +16,17 @@ Matrices of six output rows are stored column by column, so that a loop over row
 import math
 from typing import NamedTuple
 
-from pouring_robot.batch.kernels.algebra import Rotation, Triple, combined, cross, minus, plus, product, scaled
+from pouring_robot.batch.kernels.algebra import (
+    Rotation,
+    Triple,
+    combined,
+    cross,
+    minus,
+    plus,
+    product,
+    scaled,
+    transposed,
+)
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.loops import (
     FORCE,
@@ -143,12 +153,6 @@ def write_site(room: Room, columns: Columns, site: int, axes: Rotation, arm: Tri
         for r in range(6):
             along = s[r] * t[0] + s[6 + r] * t[1] + s[12 + r] * t[2]
             matrix[p, r] = along + s[18 + r] * t[3] + s[24 + r] * t[4] + s[30 + r] * t[5]
-
-
-@compiled
-def transposed(r: Rotation) -> Rotation:
-    """Return the axes of a rotation as rows."""
-    return r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]
 
 
 @compiled

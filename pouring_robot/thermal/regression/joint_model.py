@@ -25,23 +25,7 @@ kept components' variance that a set carries, with λ_j the eigenvalues and u_j 
 
 Two sets and one component weigh the same by it, whatever the data.
 
-**What beating a single set takes.** A line is judged on poses it has not seen. Its residuals' spread is
-
-.. math:: \text{spread}^2 = \text{what no line removes} + s_T^2 \, (m - \bar m_{left})^2
-
-so only the distance of its slope from the mean slope of the left-out poses counts. P1 and P8 tell where two poses lie,
-not where the others do, and no weights made of equation 21 alone can know it. The table knows: its other sets. Hence
-
-**The table's contribution** (``"table"``, the default). The prediction of each sensitive set is scaled to the mean of
-the group it stands for, and weighs as much as that group has sets in the table:
-
-.. math::
-   P_{end}(T) = \sum_g \frac{n_g}{n} \left[ \bar x_g + \ell_g \left( P_g^{PCR}(T) - P_g^{PCR}(\bar T) \right) \right],
-   \qquad \ell_g = \frac{\text{slope of the group's mean set}}{\text{slope of } P_g^{PCR}}
-
-with both slopes taken against temperature. P_g^PCR is a line itself, so its slope cancels and what is left is the mean
-line of all sets in the table. That is the answer: for a pose drawn like those of the table, the mean line has the least
-expected spread among all weighted means of the sets' lines. The sensitive sets add no accuracy to it.
+Why the mean line of all sets does better than both: :mod:`pouring_robot.thermal.regression.methods`.
 """
 
 from typing import Any, Self
@@ -57,7 +41,7 @@ from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, Princip
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorSetError
 
-WEIGHTINGS = ("table", "coefficients", "components")
+WEIGHTINGS = ("coefficients", "components")
 
 
 class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -71,15 +55,15 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     the one to compensate with at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
 
     Args:
-        weighting: "table" (ours: the mean line of all sets), or the paper's recipe with "coefficients" (raw c_g, its
-            section 5.2) or "components" (contribution to the principal components, its section 7).
+        weighting: "coefficients" (raw c_g, the paper's section 5.2) or "components" (contribution to the principal
+            components, its section 7).
         selector: chooses the sensitive sets; left out: :class:`SensitiveSetSelector` with its usual settings.
         explained: as in :class:`PrincipalComponentRegression`.
     """
 
     def __init__(
         self,
-        weighting: str = "table",
+        weighting: str = "coefficients",
         *,
         selector: SensitiveSetSelector | None = None,
         explained: float = EXPLAINED_SHARE,
@@ -105,25 +89,14 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         selector = SensitiveSetSelector() if self.selector is None else clone(self.selector)
         self.selector_ = selector.fit(table, column[:, 0])
         self._predict_sets(column, table[:, self.selector_.sensitive_])
-        slopes, intercepts = self.set_coef_, self.set_intercept_
-        if self.weighting == "table":
-            groups = self.selector_.groups_
-            rates = np.array([len(group) for group in groups], dtype=float)
-            means = np.column_stack([table[:, group].mean(axis=1) for group in groups])
-            # ℓ_g times the slope of P_g^PCR is the slope of the group's mean set; taken from there, nothing is divided
-            # by a slope that may be 0.
-            lines = LinearRegression().fit(column, means)
-            slopes, intercepts = lines.coef_[:, 0], lines.intercept_
-        elif self.weighting == "coefficients":
+        if self.weighting == "coefficients":
             rates = np.abs(self.component_regression_.coef_)
         else:
             kept = self.component_regression_.components_
             rates = self.component_regression_.eigenvalues_[: len(kept)] @ kept**2
         self.weights_ = rates / rates.sum()  # of each group, shape (g,)
-        parts = np.abs(self.weights_ * slopes)
-        # share of each group in the slope of P_end, by absolute size, shape (g,)
-        self.contributions_ = parts / parts.sum() if parts.sum() > 0.0 else self.weights_
-        self.coef_, self.intercept_ = float(self.weights_ @ slopes), float(self.weights_ @ intercepts)
+        self.coef_ = float(self.weights_ @ self.set_coef_)
+        self.intercept_ = float(self.weights_ @ self.set_intercept_)
         return self
 
     def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
@@ -144,15 +117,9 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Return P_end at the temperatures X, shape (n, 1) to (n,)."""
-        return np.asarray(self._temperatures(X) * self.coef_ + self.intercept_)
-
-    def predict_sensitive(self, X: ArrayLike) -> FloatArray:
-        """Return P_g^PCR, the sensitive sets from temperature and the other sets' lines, shape (n, 1) to (n, g)."""
-        return np.asarray(self._temperatures(X)[:, None] * self.set_coef_ + self.set_intercept_)
-
-    def predict_single(self, X: ArrayLike) -> FloatArray:
-        """Return the simple lines of the sensitive sets (P1 alone, P8 alone), shape (n, 1) to (n, g)."""
-        return np.asarray(self._temperatures(X)[:, None] * self.single_coef_ + self.single_intercept_)
+        check_is_fitted(self)
+        column: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        return column[:, 0] * self.coef_ + self.intercept_
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
         """Return R² of P_end over all sets of y, shape (n, k) or (n,), each number counted alike."""
@@ -161,11 +128,6 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         centre = np.average(table.mean(axis=1), weights=weights)
         left = weights @ ((table - self.predict(X)[:, None]) ** 2).sum(axis=1)
         return float(1.0 - left / (weights @ ((table - centre) ** 2).sum(axis=1)))
-
-    def _temperatures(self, X: ArrayLike) -> FloatArray:
-        check_is_fitted(self)
-        column: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
-        return column[:, 0]
 
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that y is a table."""
