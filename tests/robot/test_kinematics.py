@@ -7,11 +7,11 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import JointReach, PlacementError
+from pouring_robot.mechanism.poses import JointReach
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
-from tests.support import BOX_LOWER, BOX_UPPER, perturbed, pose_gap, random_poses
+from tests.support import BOX_LOWER, BOX_UPPER, displacement, perturbed, pose_gap, random_poses
 
 # U-joint centres in m.
 CENTRES = {
@@ -159,7 +159,7 @@ def test_forward_needs_one_value_for_each_drive(drawing):
 
 
 def test_forward_needs_legs_in_common_planes(drawing):
-    displaced_joint = {"leg2_s1": PlacementError((0.01, 0.0, 0.0))}
+    displaced_joint = {"leg2_s1": displacement((0.01, 0.0, 0.0))}
     kinematics = FourUPUKinematics(perturbed(drawing.nominal_solver.mechanism, displaced_joint))
     drives = drawing.kinematics.inverse(PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(NoSolutionError, match="common planes"):

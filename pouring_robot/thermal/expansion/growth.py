@@ -21,7 +21,6 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
@@ -77,7 +76,7 @@ class ThermalExpansion:
 
     def placements(
         self, kinematics: FourUPUKinematics, passive_lengths_m: Mapping[str, float] | None = None
-    ) -> dict[str, PlacementError]:
+    ) -> dict[str, pin.SE3]:
         """Return the joints of the drawing that heat displaces, by name: U-joint centres, passive prismatic joints.
 
         ``passive_lengths_m``: length of each leg that is not driven, by its prismatic joint.
@@ -93,15 +92,12 @@ class ThermalExpansion:
                 (f"leg{i}_seat_mount", "moving_platform", self.platform_strain * kinematics.moving_centres_m[k]),
             ):
                 placement = mechanism.pose_world_to_placement(data, joint)
-                errors[joint] = _shift(placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth)
+                errors[joint] = pin.SE3(
+                    np.eye(3), placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth
+                )
         for joint, length in (passive_lengths_m or {}).items():
-            errors[joint] = _shift(self._by_joint()[joint] * length * _axis(mechanism, joint))
+            errors[joint] = pin.SE3(np.eye(3), self._by_joint()[joint] * length * _axis(mechanism, joint))
         return errors
-
-
-def _shift(translation_m: FloatArray) -> PlacementError:
-    x, y, z = (float(value) for value in translation_m)
-    return PlacementError((x, y, z))
 
 
 def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
