@@ -21,6 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.drive_jacobians import AxisWeakness, axis_weakness
+from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
@@ -98,7 +99,7 @@ class PouringRobot(Robot):
             drives=drives,
             nominal=self.nominal_solver.solve(drives, start),
             actual=self._closed_as_built(drives, start),
-            reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
+            reach=joint_reach(self.kinematics.mechanism, self.kinematics.joint_values(pose)),
             outside_workspace_m=outside_m,
             outside_workspace_rad=outside_rad,
         )

@@ -20,7 +20,6 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
@@ -96,16 +95,9 @@ class ThermalExpansion:
                     np.eye(3), placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth
                 )
         for joint, length in (passive_lengths_m or {}).items():
-            errors[joint] = pin.SE3(np.eye(3), self._by_joint()[joint] * length * _axis(mechanism, joint))
+            (axis,) = mechanism.joint_axes([mechanism.joint_id(joint)])
+            errors[joint] = pin.SE3(np.eye(3), self._by_joint()[joint] * length * axis[:3])
         return errors
-
-
-def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
-    """Return the direction of a prismatic joint in its own frame, shape (3,)."""
-    model, number = mechanism.shared_model, mechanism.joint_id(joint)
-    data = model.createData()
-    pin.forwardKinematics(model, data, mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0}))
-    return np.array(data.liMi[number].translation - model.jointPlacements[number].translation)
 
 
 @dataclass(frozen=True, eq=False)
