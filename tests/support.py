@@ -8,7 +8,6 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.layout import render_urdf
@@ -60,17 +59,22 @@ def crooked_model(seed, axis_mrad, centre_mm=0.5, layout="paper"):
 def carried_by(model, chain_order):
     """Return nominal and actual mechanism of a model with its platform on another chain in the tree."""
     nominal = render_urdf(model.layout, chain_order=chain_order)
-    texts = nominal, perturb_urdf(nominal, model.placement_errors())
+    texts = nominal, perturb_urdf(nominal, model.displacements())
     return tuple(ClosedChainMechanism(text, model.loops()) for text in texts)
 
 
 def placement_error(numbers):
-    """Return six numbers (m, rad) as the error of a placement."""
-    return PlacementError(tuple(map(float, numbers[:3])), tuple(map(float, numbers[3:])))
+    """Return six numbers (m, rad) as the error of a placement: its pose in the nominal one."""
+    return displacement(numbers[:3], numbers[3:])
+
+
+def displacement(translation_m=(0.0, 0.0, 0.0), rotation_rad=(0.0, 0.0, 0.0)):
+    """Return a shift (m) and a rotation vector (rad) as the pose of a displaced placement in the nominal one."""
+    return pin.SE3(pin.exp3(np.array(rotation_rad, dtype=float)), np.array(translation_m, dtype=float))
 
 
 def perturbed(mechanism, placements):
-    """Return a mechanism whose URDF holds errors: a :class:`PlacementError` by joint."""
+    """Return a mechanism whose URDF holds errors: how joints are displaced, as poses, by name."""
     return ClosedChainMechanism(perturb_urdf(mechanism.urdf, placements), mechanism.loops)
 
 

@@ -56,10 +56,11 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
 def _determined(robot: Robot, location: Location) -> bool:
     """Return whether the drives determine the pose of the drawing at a location."""
     from pouring_robot.exceptions import SingularPoseError
-    from pouring_robot.mechanism.drive_jacobians import drive_jacobians
+    from pouring_robot.mechanism.parameters import drive_parameters
+    from pouring_robot.mechanism.transfer import closed_chain_transfer
 
     try:
-        drive_jacobians(robot.nominal_solver, location.nominal)
+        closed_chain_transfer(robot.nominal_solver, location.nominal, drive_parameters(robot.nominal_solver.mechanism))
     except SingularPoseError:
         return False
     return True

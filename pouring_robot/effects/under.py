@@ -197,11 +197,11 @@ class RobotUnderConditions:
         moved = {joint: pin.SE3(pin.exp3(twist[3:]), twist[:3]) for joint, twist in twists.items()}
         model = self.robot.model.displaced(moved, drives)
         if base.any():
-            built, carried = model.placement_errors(), dict[str, pin.SE3]()
+            built, carried = model.displacements(), dict[str, pin.SE3]()
             shift, own = pin.SE3(pin.exp3(base[3:]), base[:3]), self.definition.loops.base_frame
             for joint, (link, at) in standing(self.definition).items():
                 if link == own:
-                    there = at * built[joint].to_se3() if joint in built else at
+                    there = at * built[joint] if joint in built else at
                     carried[joint] = there.actInv(shift * there)
             model = model.displaced(carried, {})
         return self.robot.built_as(model)

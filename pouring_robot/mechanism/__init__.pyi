@@ -7,10 +7,8 @@ from .closure.solver import ClosureResult as ClosureResult
 from .closure.solver import ClosureSolver as ClosureSolver
 from .drive_jacobians import AxisWeakness as AxisWeakness
 from .drive_jacobians import Dexterity as Dexterity
-from .drive_jacobians import DriveJacobians as DriveJacobians
 from .drive_jacobians import axis_weakness as axis_weakness
 from .drive_jacobians import dexterity as dexterity
-from .drive_jacobians import drive_jacobians as drive_jacobians
 from .loops import LoopsFile as LoopsFile
 from .loops import LoopSpec as LoopSpec
 from .loops import load_loops as load_loops

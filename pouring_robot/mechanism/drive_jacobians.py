@@ -1,8 +1,4 @@
-"""Drive and passive-joint Jacobians of the closed mechanism, and how far it is from a singular pose.
-
-They are the columns of the error-transfer matrix that belong to the drives, so they are exact whether or not the
-loops close.
-"""
+"""What G says of a pose: how far the closed mechanism is from a singular one, and which tilted axis does most."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,25 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
+from pouring_robot.mechanism.parameters import placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-
-
-@dataclass(frozen=True, eq=False)
-class DriveJacobians:
-    """How the closed mechanism moves with its drives (columns, in the order of the loops file)."""
-
-    # twist of the end frame (velocity of its origin, then angular) in base axes per drive velocity, shape (6, drives)
-    platform: FloatArray
-    joints: FloatArray  # velocity of every joint column of the model per unit drive velocity, shape (nv, drives)
-    # smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where the platform can move
-    # with the drives locked, infinite where no joint is free
-    closure_margin: float
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "platform", "joints")
 
 
 @dataclass(frozen=True)
@@ -62,21 +43,8 @@ def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> A
     return AxisWeakness(tilts[worst].name, float(sideways[worst]))
 
 
-def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:
-    """Return the exact Jacobians at a closed configuration that the solver, whose loads count, found.
-
-    Raises as :func:`closed_chain_transfer`.
-    """
-    drives = drive_parameters(solver.mechanism)
-    transfer = closed_chain_transfer(solver, result, drives)
-    loops = solver.energy.reduced(result.jacobian.reshape(-1, solver.energy.model.nv).T).T
-    rows, columns = loops.shape
-    margin = 0.0 if rows < columns else float(np.linalg.svd(loops, compute_uv=False).min(initial=np.inf))
-    return DriveJacobians(transfer.matrix, transfer.joints, margin)
-
-
 def dexterity(
-    jacobians: DriveJacobians,
+    jacobian: FloatArray,
     prismatic: tuple[bool, ...],
     length_m: float,
     rows: Sequence[int] = range(6),
@@ -85,7 +53,7 @@ def dexterity(
     """Return condition and distance to singularity of what the drives command.
 
     Args:
-        jacobians: of a mechanism.
+        jacobian: twist of the end body per drive, shape (6, drives): its transfer matrix by the drives.
         prismatic: which drives are lengths.
         length_m: characteristic length that turns angles into lengths, for instance the mean distance of the
             moving U-joint centres from the platform's origin.
@@ -94,7 +62,7 @@ def dexterity(
             nothing, which is no singularity.
     """
     scales = np.where(np.array(rows) < 3, 1.0, length_m)
-    task = jacobians.platform[list(rows)] * scales[:, None]
+    task = jacobian[list(rows)] * scales[:, None]
     task[:, [not is_length for is_length in prismatic]] /= length_m
     factors = np.linalg.svd(task, compute_uv=False)[: len(prismatic) - redundant]
     smallest, largest = float(factors[-1]), float(factors[0])

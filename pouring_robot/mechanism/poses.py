@@ -1,6 +1,5 @@
 """Differences of poses, how joints stand within their limits, and the units of the user's edge: mm and mrad."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -62,30 +61,6 @@ def pose_figures(pose: pin.SE3) -> dict[str, list[float]]:
         "translation_mm": (pose.translation / MM).tolist(),
         "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
     }
-
-
-@dataclass(frozen=True)
-class PlacementError:
-    """How far a joint is from where it should be, in its nominal frame; ValueError where that is not finite numbers."""
-
-    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # shift of the joint's origin, m
-    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector (axis times angle), rad
-
-    def __post_init__(self) -> None:
-        for name, part in (("translation_m", self.translation_m), ("rotation_rad", self.rotation_rad)):
-            if len(part) != 3 or not all(math.isfinite(v) for v in part):
-                raise ValueError(f"{name} must be three finite numbers, not {part}")
-
-    @classmethod
-    def from_se3(cls, displacement: pin.SE3) -> Self:
-        """Take a displacement given as the pose of the actual placement in the nominal one."""
-        x, y, z = displacement.translation.tolist()
-        rx, ry, rz = pin.log3(displacement.rotation).tolist()
-        return cls((x, y, z), (rx, ry, rz))
-
-    def to_se3(self) -> pin.SE3:
-        """Return the same as the pose of the actual placement in the nominal one."""
-        return pin.SE3(pin.exp3(np.array(self.rotation_rad)), np.array(self.translation_m))
 
 
 @dataclass(frozen=True)

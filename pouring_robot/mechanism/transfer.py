@@ -23,7 +23,6 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.closure.placements import PlacedTwists, Weight
@@ -108,59 +107,40 @@ def closed_chain_transfer(
         BadInputError: a parameter does not apply, such as the stiffness of a rigid drive.
         SingularPoseError: the drives do not determine the observed frame here. Joints may idle inside.
     """
-    observer = _Observer(solver.mechanism, result, frame)
-    energy = solver.energy
+    energy, mechanism, end = solver.energy, solver.mechanism, solver.mechanism.loops.end_frame
+    if frame is None and end is None:
+        raise BadInputError("the loops file names no end_frame; say which frame is observed")
+    frame = frame or str(end)
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.hessian(state)
-    placed = PlacedTwists(solver.mechanism, observer.data, parameters)
+    pin.updateFramePlacements(energy.model, energy.data)
+    placed = PlacedTwists(mechanism, energy.data, parameters)
+    twists, direct = _observed(energy, placed, frame)
     motion, gradient_change = _imposed(solver, result, state, hessian, placed)
-    twists = observer.joint_twists()
     motion -= _answer(energy, hessian, gradient_change, twists)
-    matrix = twists @ motion + observer.direct_twists(placed)
-    return TransferMatrix(observer.frame, placed.parameters, matrix, motion)
+    return TransferMatrix(frame, placed.parameters, twists @ motion + direct, motion)
 
 
-class _Observer:
-    """The observed frame at a configuration, seen in the axes of the base frame."""
+def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[FloatArray, FloatArray]:
+    """Return a frame's twist against the base, in its axes: per joint velocity, (6, nv), and per parameter, (6, n).
 
-    def __init__(self, mechanism: ClosedChainMechanism, result: ClosureResult, frame: str | None) -> None:
-        loops = mechanism.loops
-        if frame is None and loops.end_frame is None:
-            raise BadInputError("the loops file names no end_frame; say which frame is observed")
-        self.mechanism, self.base, self.frame = mechanism, loops.base_frame, frame or str(loops.end_frame)
-        self._model = mechanism.shared_model
-        self.data = self._model.createData()
-        pin.computeJointJacobians(self._model, self.data, result.configuration)
-        pin.updateFramePlacements(self._model, self.data)
-        base, tip = (self.data.oMf[mechanism.frame_id(name)] for name in (self.base, self.frame))
-        self.pose_base_to_frame = base.actInv(tip)
-        axes = np.zeros((6, 6))
-        axes[:3, :3] = axes[3:, 3:] = base.rotation.T @ tip.rotation
-        self._to_base_axes = axes @ tip.toActionMatrixInverse()
-
-    def from_world(self, twists: FloatArray) -> FloatArray:
-        """Turn world twists into displacement of the frame's origin and rotation, in base axes; (6, n)."""
-        return np.asarray(self._to_base_axes @ twists)
-
-    def joint_twists(self) -> FloatArray:
-        """Return the frame's twist against the base per joint velocity; (6, nv)."""
-        ids = (self.mechanism.frame_id(name) for name in (self.frame, self.base))
-        tip, base = (pin.getFrameJacobian(self._model, self.data, k, pin.WORLD) for k in ids)
-        return self.from_world(tip - base)
-
-    def direct_twists(self, placed: PlacedTwists) -> FloatArray:
-        """Return the frame's twist per parameter with all joints held; (6, n)."""
-        twists = self.from_world(placed.world * (placed.carried(self.frame) - placed.carried(self.base)))
-        for k, parameter in enumerate(placed.parameters):
-            if isinstance(parameter, FrameParameter):
-                twist = unit_twist(parameter.component)
-                pose = self.pose_base_to_frame
-                if parameter.side == "base":  # turning the base swings the frame about the base's origin
-                    twists[:, k] = twist
-                    twists[:3, k] += np.cross(twist[3:], pose.translation)
-                else:
-                    twists[:3, k], twists[3:, k] = pose.rotation @ twist[:3], pose.rotation @ twist[3:]
-        return twists
+    The latter with all joints held. Frames in the energy's data are up to date.
+    """
+    own = energy.mechanism.loops.base_frame
+    ids = [energy.mechanism.frame_id(name) for name in (frame, own)]
+    tip, base = (energy.data.oMf[k] for k in ids)
+    pose = base.actInv(tip)
+    turn = pin.SE3(pose.rotation, np.zeros(3))
+    # Turns world twists into displacement of the frame's origin and rotation, in base axes.
+    to_base_axes = turn.toActionMatrix() @ tip.toActionMatrixInverse()
+    of_tip, of_base = (pin.getFrameJacobian(energy.model, energy.data, k, pin.WORLD) for k in ids)
+    direct = to_base_axes @ (placed.world * (placed.carried(frame) - placed.carried(own)))
+    for k, parameter in enumerate(placed.parameters):
+        if isinstance(parameter, FrameParameter):
+            # Turning the base swings the frame about the base's origin.
+            seen = pin.SE3(np.eye(3), -pose.translation) if parameter.side == "base" else turn
+            direct[:, k] = seen.toActionMatrix() @ unit_twist(parameter.component)
+    return np.asarray(to_base_axes @ (of_tip - of_base)), np.asarray(direct)
 
 
 def _imposed(

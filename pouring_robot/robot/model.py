@@ -1,7 +1,7 @@
 """The model file: one YAML that says how this robot differs from the drawing.
 
 It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write (mm,
-mrad), so that reading and writing again changes no digit; SI values come out of :meth:`RobotModel.placement_errors` and
+mrad), so that reading and writing again changes no digit; SI values come out of :meth:`RobotModel.displacements` and
 :meth:`RobotModel.drive_offset_values`. Where a file of the robot's description is broken what needs it raises
 DescriptionError, where there is no such layout UnknownLayoutError.
 """
@@ -25,7 +25,7 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.description.urdf import carriers, parsed, perturb_urdf
@@ -45,15 +45,9 @@ class JointPlacement(StrictModel):
     translation_mm: Triple = _ZERO  # displacement of the joint's origin
     rotation_mrad: Triple = _ZERO  # rotation vector that turns its nominal axes into the actual ones
 
-    def to_si(self) -> PlacementError:
-        """Return the same error in m and rad."""
-        tx, ty, tz = (value * MM for value in self.translation_mm)
-        rx, ry, rz = (value * MRAD for value in self.rotation_mrad)
-        return PlacementError(translation_m=(tx, ty, tz), rotation_rad=(rx, ry, rz))
-
     def to_se3(self) -> pin.SE3:
         """Return the displacement as a pose: of the actual placement in the nominal one."""
-        return self.to_si().to_se3()
+        return pin.SE3(pin.exp3(np.array(self.rotation_mrad) * MRAD), np.array(self.translation_mm) * MM)
 
     @classmethod
     def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
@@ -238,13 +232,9 @@ class RobotModel(StrictModel):
             lines.append(f"{who} does not apply the effects of {name} that depend on conditions: {effects}")
         return tuple(lines)
 
-    def placement_errors(self) -> dict[str, PlacementError]:
-        """Return the joint placement errors in m and rad."""
-        return {joint: error.to_si() for joint, error in self.joint_placements.items()}
-
     def displacements(self) -> dict[str, pin.SE3]:
-        """Return the same as poses: of the actual placement in the nominal one."""
-        return {joint: error.to_se3() for joint, error in self.placement_errors().items()}
+        """Return how joints are displaced, as poses: of the actual placement in the nominal one."""
+        return {joint: error.to_se3() for joint, error in self.joint_placements.items()}
 
     def drive_offset_values(self) -> dict[str, float]:
         """Return the offset of each drive that has one, in m or rad."""
@@ -315,7 +305,7 @@ class RobotModel(StrictModel):
                     f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
                     f"chains' seats on it ({self._seat_joint()} ...) instead"
                 )
-        return perturb_urdf(self.nominal_urdf(), self.placement_errors(), self.definition.source)
+        return perturb_urdf(self.nominal_urdf(), self.displacements(), self.definition.source)
 
     def _seat_joint(self) -> str:
         seat = self.loops().loops[0].frame_b

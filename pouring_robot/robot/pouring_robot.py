@@ -20,7 +20,8 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, Unreachable
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
-from pouring_robot.mechanism.drive_jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
+from pouring_robot.mechanism.drive_jacobians import AxisWeakness, axis_weakness
+from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
@@ -98,7 +99,7 @@ class PouringRobot(Robot):
             drives=drives,
             nominal=self.nominal_solver.solve(drives, start),
             actual=self._closed_as_built(drives, start),
-            reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
+            reach=joint_reach(self.kinematics.mechanism, self.kinematics.joint_values(pose)),
             outside_workspace_m=outside_m,
             outside_workspace_rad=outside_rad,
         )
@@ -186,10 +187,6 @@ class PouringRobot(Robot):
         turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
         # A box limit typed in mm or degrees must not count as outside by round-off.
         return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
-
-    def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
-        """Return the Jacobians of the actual robot at a location."""
-        return drive_jacobians(self.actual_solver, location.actual)
 
     _task_rows = TASK_ROWS
 

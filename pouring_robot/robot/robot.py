@@ -28,8 +28,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
-from pouring_robot.mechanism.drive_jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
-from pouring_robot.mechanism.parameters import LocalParameter
+from pouring_robot.mechanism.drive_jacobians import AxisWeakness, Dexterity, dexterity
+from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
@@ -296,9 +296,8 @@ class Robot:
         """Return condition and distance to singularity of the actual robot at a location."""
         mechanism = self.actual_solver.mechanism
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
-        jacobians = drive_jacobians(self.actual_solver, location.actual)
-        redundant = redundant_drives(mechanism)
-        return dexterity(jacobians, prismatic, self._length_m(location), self._task_rows, redundant)
+        moved = closed_chain_transfer(self.actual_solver, location.actual, drive_parameters(mechanism)).matrix
+        return dexterity(moved, prismatic, self._length_m(location), self._task_rows, redundant_drives(mechanism))
 
     _task_rows: Sequence[int] = range(6)
 

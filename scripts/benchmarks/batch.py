@@ -18,6 +18,7 @@ from typing import Any
 
 import numba
 import numpy as np
+import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
 
@@ -27,7 +28,6 @@ from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -87,8 +87,8 @@ def robot_of_sample(engine: CompiledEngine, errors: FloatArray) -> ClosedChainMe
     mechanism = engine.structure.mechanism
     if not errors.any():
         return mechanism
-    sites = zip(engine.structure.site_joints, errors.reshape(-1, 6).tolist(), strict=True)
-    placements = {name: PlacementError((x, y, z), (rx, ry, rz)) for name, (x, y, z, rx, ry, rz) in sites}
+    sites = zip(engine.structure.site_joints, errors.reshape(-1, 6), strict=True)
+    placements = {name: pin.SE3(pin.exp3(error[3:]), error[:3]) for name, error in sites}
     return ClosedChainMechanism(perturb_urdf(mechanism.urdf, placements), mechanism.loops)
 
 

@@ -35,6 +35,8 @@ from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import ClosureEnergy
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -269,8 +271,9 @@ def drive_jacobians(setting: Setting) -> Measurement:
     robot = setting.actual
     locations = [robot.locate(pose) for pose in setting.poses[:QUICK_POSES]]
     watch = Stopwatch(robot.actual_solver, locations[0].actual.configuration)
+    drives = drive_parameters(robot.actual_solver.mechanism)
     for location in locations:
-        watch.time(functools.partial(robot.drive_jacobians, location))
+        watch.time(functools.partial(closed_chain_transfer, robot.actual_solver, location.actual, drives))
     return watch.measurement()
 
 

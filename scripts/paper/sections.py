@@ -123,7 +123,7 @@ def _shares(robot: PouringRobot, poses: list[PlatformPose], random: np.random.Ge
     table = ParameterCatalogue(robot.model.definition, robot.nominal_solver.mechanism).table
     assert table is not None  # the pouring robot has one
     placements = table.placement_errors(_drawn(table.selection(), random, 1.0))
-    displaced = {joint: JointPlacement.from_se3(error.to_se3()) for joint, error in placements.items()}
+    displaced = {joint: JointPlacement.from_se3(error) for joint, error in placements.items()}
     built = PouringRobot(robot.model.model_copy(update={"joint_placements": displaced}))
     heated = HeatedRobot(built, HeatSection())
     rows = []

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchStart, engine_for
@@ -30,7 +31,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.homotopy import jumps
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring_robot import PouringRobot
 
 PAPER_MM, PAPER_MRAD = 0.2, 4.0
@@ -87,7 +88,7 @@ class Study:
         """Return the pose that the solver of single poses finds, (3,) in m; it raises what that raises."""
         joints = self.engine.structure.site_joints
         placed = {
-            joint: PlacementError(tuple(row[:3].tolist()), tuple(row[3:].tolist())).to_se3()
+            joint: pin.SE3(pin.exp3(row[3:]), row[:3])
             for joint, row in zip(joints, errors.reshape(-1, 6), strict=True)
             if joint
         }

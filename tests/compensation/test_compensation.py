@@ -9,6 +9,7 @@ import pytest
 
 from pouring_robot.compensation.pose import commands_csv, compensate
 from pouring_robot.exceptions import CompensationError, UnknownFrameError, UnreachablePoseError
+from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -27,7 +28,7 @@ def hot(as_built):
 
 
 def reachable(robot, pose):
-    return robot.kinematics.limiting_joint(robot.kinematics.joint_values(pose)).relative_margin > 0.02
+    return joint_reach(robot.kinematics.mechanism, robot.kinematics.joint_values(pose))[0].relative_margin > 0.02
 
 
 def corner_poses(robot):
@@ -117,11 +118,11 @@ def test_a_limit_that_only_the_warm_robot_passes_is_refused(as_built):
     for _ in range(60):
         middle = 0.5 * (low + high)
         pose = PlatformPose((-0.1, 0.0, middle), 0.0)
-        inside = kinematics.limiting_joint(kinematics.joint_values(pose)).margin > 1e-4
+        inside = joint_reach(kinematics.mechanism, kinematics.joint_values(pose))[0].margin > 1e-4
         low, high = (middle, high) if inside else (low, middle)
     pose = PlatformPose((-0.1, 0.0, low), 0.0)
     kinematics.inverse(pose)
-    limiting = kinematics.limiting_joint(kinematics.joint_values(pose))
+    limiting = joint_reach(kinematics.mechanism, kinematics.joint_values(pose))[0]
     assert limiting.joint.endswith("_s3")
     with pytest.raises(UnreachablePoseError):
         compensate(HeatedRobot(as_built, HeatSection()), pose)

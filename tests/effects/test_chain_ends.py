@@ -8,11 +8,10 @@ from pouring_robot.effects.families.heat import chain_ends, grown_places
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
-from tests.support import ROOT
+from tests.support import ROOT, displacement
 
 BRACKETED = """<robot name="bracketed">
   <link name="base"/><link name="upright"/><link name="bracket"/><link name="arm"/><link name="tip"/>
@@ -33,7 +32,7 @@ def test_the_last_link_of_a_five_bar_grows():
     location, poses = robot.location_at([0.2, -0.1]), []
     # The URDF's own: the tip's mount stands 0.39 m out on the coupler, along its y.
     for joint, shift in ((seat, strain * place), ("left_tip_mount", strain * np.array([0.0, 0.39, 0.0]))):
-        moved = perturb_urdf(definition.urdf(), {joint: PlacementError(translation_m=tuple(shift.tolist()))})
+        moved = perturb_urdf(definition.urdf(), {joint: displacement(shift)})
         solver = ClosureSolver(ClosedChainMechanism(moved, definition.loops))
         poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "pen").translation)
     np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-9)
@@ -54,10 +53,10 @@ def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
     location = robot.location_at([0.4, -0.3])
     poses = []
     for moved in ({"lift": strain * grown[2][2]}, {"bolts": strain * np.array([0.1, 0.0, 0.6])}):
-        errors = {joint: PlacementError(translation_m=tuple(shift.tolist())) for joint, shift in moved.items()}
+        errors = {joint: displacement(shift) for joint, shift in moved.items()}
         if "bolts" in errors:  # a placement error counts in the joint's own axes
             turned = pin.rpy.rpyToMatrix(0.3, -0.2, 0.5).T @ moved["bolts"]
-            errors = {"bolts": PlacementError(translation_m=tuple(turned.tolist()))}
+            errors = {"bolts": displacement(turned)}
         solver = ClosureSolver(ClosedChainMechanism(perturb_urdf(BRACKETED, errors), robot.model.definition.loops))
         poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "tip").translation)
     np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-12)

@@ -14,13 +14,13 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechan
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import (
     CHAINS,
     carried_by,
     circle_meeting,
     displaced,
+    displacement,
     oracle_cases,
     perturbed,
     planar_urdf,
@@ -42,8 +42,8 @@ def oracle_mechanism(drawing, case):
     """Return the oracle's robot (displaced U-joint centres) and its true drive values."""
     placements = {}
     for k, i in enumerate(CHAINS):
-        placements[f"leg{i}_s1"] = PlacementError(tuple(case["fixed_joint_centre_offsets_m"][k]))
-        placements[f"leg{i}_seat_mount"] = PlacementError(tuple(case["moving_joint_centre_offsets_m"][k]))
+        placements[f"leg{i}_s1"] = displacement(case["fixed_joint_centre_offsets_m"][k])
+        placements[f"leg{i}_seat_mount"] = displacement(case["moving_joint_centre_offsets_m"][k])
     mechanism = perturbed(drawing.nominal_solver.mechanism, placements)
     growth = 1.0 + case["expansion_per_K"] * np.array(case["leg_temperature_rise_K"][:3])
     lengths = np.add(case["drives"]["leg_lengths_m"], case["drive_offsets"]["leg_lengths_m"]) * growth
@@ -250,8 +250,8 @@ def test_two_equations_are_redundant_until_an_axis_is_off(drawing, crooked):
 
 
 def test_centre_and_length_errors_close_exactly(drawing):
-    placements = {f"leg{i}_s1": PlacementError((0.002, -0.001 * i, 0.0015)) for i in CHAINS}
-    placements["leg3_s3"] = PlacementError((0.0, 0.0, 0.003))
+    placements = {f"leg{i}_s1": displacement((0.002, -0.001 * i, 0.0015)) for i in CHAINS}
+    placements["leg3_s3"] = displacement((0.0, 0.0, 0.003))
     solver = ClosureSolver(perturbed(drawing.nominal_solver.mechanism, placements))
     for pose in random_poses(20, seed=13):
         start, drives = start_and_drives(drawing, pose)
@@ -419,7 +419,7 @@ def test_the_ladle_hardly_depends_on_the_ratio_of_stiffness(drawing, axis_mrad, 
         for i in CHAINS:
             for joint, free in (("s1", (1, 0, 1)), ("s2", (0, 1, 1)), ("s4", (0, 1, 1)), ("seat_mount", (1, 0, 1))):
                 turns = random.uniform(-axis_mrad, axis_mrad, size=3) * 1e-3 * free
-                placements[f"leg{i}_{joint}"] = PlacementError(rotation_rad=tuple(turns.tolist()))
+                placements[f"leg{i}_{joint}"] = displacement(rotation_rad=turns)
         mechanism = perturbed(drawing.nominal_solver.mechanism, placements)
         ratios = [with_stiffness(mechanism, 1e8, 1e8 * length**2) for length in (0.0316, 0.02, 0.06, 0.1)]
         shifts.append(ladle_shifts(drawing, ratios, random_poses(6, seed=22)))
@@ -431,7 +431,7 @@ def test_the_ladle_hardly_depends_on_the_ratio_of_stiffness(drawing, axis_mrad, 
 
 @pytest.mark.parametrize("length_m", [0.01, 0.0316, 0.1])
 def test_one_crooked_seat_closes_whatever_the_ratio_of_stiffness(drawing, length_m):
-    placements = {"leg1_seat_mount": PlacementError(rotation_rad=(0.0, 0.0, 0.004))}
+    placements = {"leg1_seat_mount": displacement(rotation_rad=(0.0, 0.0, 0.004))}
     mechanism = with_stiffness(perturbed(drawing.nominal_solver.mechanism, placements), 1e8, 1e8 * length_m**2)
     solver = ClosureSolver(mechanism)
     for pose in random_poses(60, seed=21):

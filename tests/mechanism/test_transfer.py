@@ -19,11 +19,10 @@ from pouring_robot.mechanism.parameters import (
     StiffnessParameter,
     placement_parameters,
 )
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from tests.support import carried_by, closure_condition, placement_error, round_off
+from tests.support import carried_by, closure_condition, displacement, placement_error, round_off
 
 CHAIN_JOINTS = [f"leg{i}_s{k}" for i in (1, 2, 3, 4) for k in (1, 2, 3, 4, 5)]
 JOINTS = [*CHAIN_JOINTS, *(f"leg{i}_seat_mount" for i in (1, 2, 3, 4))]
@@ -76,9 +75,7 @@ def make_case(spread_rad, loads=None, frame="moving_platform", seed=3, layout="p
     random = np.random.default_rng(seed)
     model = RobotModel(layout=layout)
     errors = {
-        joint: PlacementError(
-            tuple(random.normal(size=3) * 0.2 * spread_rad), tuple(random.normal(size=3) * spread_rad)
-        )
+        joint: displacement(random.normal(size=3) * 0.2 * spread_rad, random.normal(size=3) * spread_rad)
         for joint in JOINTS
     }
     kinematics = FourUPUKinematics(model.nominal_mechanism())

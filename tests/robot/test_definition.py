@@ -10,13 +10,12 @@ import pytest
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.robot import Robot
-from tests.support import ROOT
+from tests.support import ROOT, displacement
 
 ROBOTS = ROOT / "examples" / "robots"
 ARM = """<robot name="two_joints">
@@ -244,7 +243,7 @@ def test_joints_may_be_of_another_kind_than_the_urdf_says(arm):
     definition = RobotDefinition.load(arm)
     assert {"mount_X", "mount_Z"} <= set(definition.mechanism().joint_columns)
     assert definition.mechanism().passive_columns.size == 1
-    errors = {name: PlacementError(rotation_rad=(0.01, 0.0, 0.0)) for name in ("mount_X", "mount_Z")}
+    errors = {name: displacement(rotation_rad=(0.01, 0.0, 0.0)) for name in ("mount_X", "mount_Z")}
     assert perturb_urdf(definition.urdf(), errors) != definition.urdf()  # they can be displaced like others
     assert b"joint_types" not in definition.files_beside()["robot.yaml"]  # the exported URDF has them
     for kinds, says in (("{mount: ball}", "universal_xy"), ("{mounts: fixed}", "did you mean 'mount'")):

@@ -24,12 +24,11 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
 from pouring_robot.io.cache import CACHE_VARIABLE
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description import urdf
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf, write_urdf
 from pouring_robot.robot.pouring import layout as layouts
 from pouring_robot.robot.pouring.layout import layout_names, load_layout, render_urdf
-from tests.support import round_off
+from tests.support import displacement, round_off
 
 LAYOUTS = ("paper", "wide")
 ORDERS = tuple(itertools.permutations((1, 2, 3, 4)))
@@ -456,29 +455,28 @@ def test_wrong_chain_order_is_refused(order: tuple[int, ...]) -> None:
 
 def test_perturbation_moves_that_joint_by_exactly_that() -> None:
     urdf = render_urdf()
-    error = PlacementError(translation_m=(1e-9, -2e-4, 3e-3), rotation_rad=(1e-3, -4e-7, 0.2))
-    perturbed = perturb_urdf(urdf, {"leg2_s1": error})
+    shift, turn = (1e-9, -2e-4, 3e-3), (1e-3, -4e-7, 0.2)
+    perturbed = perturb_urdf(urdf, {"leg2_s1": displacement(shift, turn)})
     nominal, actual = joint_origin(urdf, "leg2_s1"), joint_origin(perturbed, "leg2_s1")
-    expected = nominal.rotation @ Rotation.from_rotvec(error.rotation_rad).as_matrix()
+    expected = nominal.rotation @ Rotation.from_rotvec(turn).as_matrix()
     np.testing.assert_allclose(actual.rotation, expected, rtol=0, atol=round_off(terms=9))  # three products of length 3
     moved, size = actual.translation - nominal.translation, np.abs(nominal.translation).max()
-    np.testing.assert_allclose(moved, error.translation_m, rtol=0, atol=round_off(scale=size, terms=2))
+    np.testing.assert_allclose(moved, shift, rtol=0, atol=round_off(scale=size, terms=2))
     joints = {joint.get("name") for joint in etree.fromstring(urdf.encode()).iterfind("joint")}
     for name in joints - {"leg2_s1"}:
         assert joint_origin(urdf, name) == joint_origin(perturbed, name), name
 
 
 def test_perturbations_compose_in_the_joints_frame() -> None:
-    first = PlacementError((1e-3, 2e-3, -1e-3), (0.3, -0.2, 0.9))
-    second = PlacementError((-4e-3, 1e-3, 5e-4), (-0.1, 0.4, 0.2))
+    first = displacement((1e-3, 2e-3, -1e-3), (0.3, -0.2, 0.9))
+    second = displacement((-4e-3, 1e-3, 5e-4), (-0.1, 0.4, 0.2))
     twice = perturb_urdf(perturb_urdf(render_urdf(), {"leg3_s4": first}), {"leg3_s4": second})
-    parts = [pin.SE3(pin.exp3(np.array(e.rotation_rad)), np.array(e.translation_m)) for e in (first, second)]
-    expected = joint_origin(render_urdf(), "leg3_s4") * parts[0] * parts[1]
+    expected = joint_origin(render_urdf(), "leg3_s4") * first * second
     assert joint_origin(twice, "leg3_s4").isApprox(expected, 1e-14)
 
 
 def test_perturbed_joint_is_felt_by_pinocchio() -> None:
-    tilted = perturb_urdf(render_urdf(), {"leg1_s1": PlacementError(rotation_rad=(0.001, 0.0, 0.0))})
+    tilted = perturb_urdf(render_urdf(), {"leg1_s1": displacement(rotation_rad=(0.001, 0.0, 0.0))})
     nominal_model, model = pin.buildModelFromXML(render_urdf()), pin.buildModelFromXML(tilted)
     q = configuration(model, inverse_kinematics("paper", np.array([-0.1, 0.02, -0.6]), 0.3))
     arm = frame_pose(nominal_model, q, "leg1_foot").translation - load_layout().fixed_centres_m[0]
@@ -496,20 +494,21 @@ def test_no_perturbation_changes_nothing() -> None:
 
 def test_unknown_joint_is_refused_with_the_nearest() -> None:
     with pytest.raises(UnknownJointError, match=r"no joint 'leg1_S1'.*did you mean 'leg1_s1'"):
-        perturb_urdf(render_urdf(), {"leg1_S1": PlacementError()})
+        perturb_urdf(render_urdf(), {"leg1_S1": displacement()})
 
 
 def test_perturbing_what_is_no_urdf_is_refused() -> None:
     with pytest.raises(DescriptionError, match="line 1"):
         perturb_urdf("<robot", {})
     with pytest.raises(DescriptionError, match="joint j: origin xyz='1 2' is not three numbers"):
-        perturb_urdf("<robot><joint name='j'><origin xyz='1 2'/></joint></robot>", {"j": PlacementError()})
+        perturb_urdf("<robot><joint name='j'><origin xyz='1 2'/></joint></robot>", {"j": displacement()})
 
 
-@pytest.mark.parametrize("part", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0)])
-def test_placement_error_refuses_what_is_not_three_finite_numbers(part: Any) -> None:
-    with pytest.raises(ValueError, match="translation_m must be three finite numbers"):
-        PlacementError(translation_m=part)
+@pytest.mark.parametrize("part", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)])
+def test_a_displacement_of_no_finite_numbers_is_refused(part: tuple[float, ...]) -> None:
+    for moved in (displacement(part), displacement(rotation_rad=part)):
+        with pytest.raises(ValueError, match="displacement of 'leg2_s1' must be finite numbers"):
+            perturb_urdf(render_urdf(), {"leg2_s1": moved})
 
 
 # --- what is refused -------------------------------------------------------------------------------

@@ -6,13 +6,12 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.dh.chain import adjoint, inverse
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import render_urdf
-from tests.support import perturbed
+from tests.support import displacement, perturbed
 
 LAYOUTS = ("paper", "wide")
 CHAINS = (1, 2, 3, 4)
@@ -95,15 +94,7 @@ def random_errors(rng, table, size=5e-3):
 
 
 def random_placements(rng, table, size=5e-3):
-    return {
-        joint: PlacementError(tuple(rng.uniform(-size, size, 3)), tuple(rng.uniform(-size, size, 3)))
-        for joint in table.joints
-    }
-
-
-def homogeneous(placement):
-    rotation_part = pin.exp3(np.array(placement.rotation_rad))
-    return pin.SE3(rotation_part, np.array(placement.translation_m)).homogeneous
+    return {joint: displacement(rng.uniform(-size, size, 3), rng.uniform(-size, size, 3)) for joint in table.joints}
 
 
 # --- names, counts, nominal values ---
@@ -225,7 +216,7 @@ def test_each_error_displaces_the_joint_it_names(table):
 def test_twists_are_the_derivative(table):
     step = 1e-4
     for p in table.parameters:
-        ends = [homogeneous(table.placement_errors({p.name: s * step})[p.joint]) for s in (1, -1)]
+        ends = [table.placement_errors({p.name: s * step})[p.joint].homogeneous for s in (1, -1)]
         difference = pin.log6(pin.SE3(inverse(ends[1]) @ ends[0])).vector / (2 * step)
         assert np.abs(difference - p.twist).max() < 1e-8
         assert (p.local.name, p.local.unit, p.local.joint, p.local.twist) == (p.name, p.unit, p.joint, p.twist)
@@ -382,7 +373,7 @@ def test_unknown_names(table):
     with pytest.raises(UnknownParameterError, match="names are like"):
         table.selection(["x"])
     with pytest.raises(UnknownJointError, match="ladle_mount"):
-        table.errors_from_placements({"ladle_mount": PlacementError()})
+        table.errors_from_placements({"ladle_mount": displacement()})
 
 
 def test_bad_numbers(table):
@@ -395,16 +386,16 @@ def test_bad_numbers(table):
 
 
 def test_errors_that_are_no_errors(table):
-    turned = {f"leg1_s{k}": PlacementError((1.0, 1.0, -1.0), (2.0, -3.0, 2.5 - k)) for k in range(1, 6)}
+    turned = {f"leg1_s{k}": displacement((1.0, 1.0, -1.0), (2.0, -3.0, 2.5 - k)) for k in range(1, 6)}
     with pytest.raises(NoSolutionError, match="mm and mrad"):
         table.errors_from_placements(turned)
 
 
 def test_a_robot_as_built_has_no_nominal_table(nominal):
-    tilted = perturbed(nominal, {"leg2_s3": PlacementError((0.0, 0.0, 0.0), (0.0, 1e-3, 0.0))})
+    tilted = perturbed(nominal, {"leg2_s3": displacement((0.0, 0.0, 0.0), (0.0, 1e-3, 0.0))})
     with pytest.raises(NotUPUError, match="'leg2_s2' and 'leg2_s3' are 1 mrad from"):
         DHTable.from_mechanism(tilted)
-    shifted = perturbed(nominal, {"leg3_s4": PlacementError((0.0, 1e-3, 0.0))})
+    shifted = perturbed(nominal, {"leg3_s4": displacement((0.0, 1e-3, 0.0))})
     with pytest.raises(NotUPUError, match=r"'leg3_s3' and 'leg3_s4' .* by 1 mm"):
         DHTable.from_mechanism(shifted)
 

@@ -7,11 +7,11 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import JointReach, PlacementError
+from pouring_robot.mechanism.poses import JointReach, joint_reach
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
-from tests.support import BOX_LOWER, BOX_UPPER, perturbed, pose_gap, random_poses
+from tests.support import BOX_LOWER, BOX_UPPER, displacement, perturbed, pose_gap, random_poses
 
 # U-joint centres in m.
 CENTRES = {
@@ -159,7 +159,7 @@ def test_forward_needs_one_value_for_each_drive(drawing):
 
 
 def test_forward_needs_legs_in_common_planes(drawing):
-    displaced_joint = {"leg2_s1": PlacementError((0.01, 0.0, 0.0))}
+    displaced_joint = {"leg2_s1": displacement((0.01, 0.0, 0.0))}
     kinematics = FourUPUKinematics(perturbed(drawing.nominal_solver.mechanism, displaced_joint))
     drives = drawing.kinematics.inverse(PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(NoSolutionError, match="common planes"):
@@ -173,7 +173,7 @@ def test_the_whole_box_is_within_the_limits(layout):
     name, kinematics = layout
     edges = [np.linspace(low, high, 7) for low, high in zip(BOX_LOWER, BOX_UPPER, strict=True)]
     for x, y, z, tilt in np.array(np.meshgrid(*edges)).reshape(4, -1).T:
-        worst = kinematics.limiting_joint(kinematics.joint_values(PlatformPose((x, y, z), tilt)))
+        worst = joint_reach(kinematics.mechanism, kinematics.joint_values(PlatformPose((x, y, z), tilt)))[0]
         assert worst.margin >= 0.0, name
 
 
@@ -203,12 +203,11 @@ def test_unreachable_pose_names_joint_and_excess(drawing, pose, joint, excess):
 
 def test_reach_is_sorted_by_share_of_the_range(drawing):
     values = drawing.kinematics.joint_values(PlatformPose((-0.1, 0.02, -0.6), 0.3))
-    reach = drawing.kinematics.reach(values)
+    reach = joint_reach(drawing.kinematics.mechanism, values)
     assert len(reach) == 20
     shares = [min(r.value - r.lower, r.upper - r.value) / (r.upper - r.lower) for r in reach]
     assert shares == sorted(shares)
     assert [r.relative_margin for r in reach] == pytest.approx(shares, abs=1e-15)
-    assert drawing.kinematics.limiting_joint(values) == reach[0]
     assert JointReach("j", "m", 1.2, 0.0, 1.0).margin == pytest.approx(-0.2)
 
 

@@ -134,7 +134,7 @@ def test_locations_are_read_only_and_compare_by_identity(drawing):
     assert first != second
     assert len({first, second}) == 2
     difference = first.difference()
-    for array in (first.outside_workspace_m, difference.translation_m, drawing.drive_jacobians(first).platform):
+    for array in (first.outside_workspace_m, difference.translation_m, difference.rotation_rad):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
 

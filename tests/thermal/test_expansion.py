@@ -73,10 +73,10 @@ def test_placements_grow_the_platforms_and_the_passive_leg(drawing):
     errors = expansion.placements(drawing.kinematics, {"leg4_s3": 0.7})
     for k, i in enumerate(CHAINS):
         seat, base = errors[f"leg{i}_seat_mount"], errors[f"leg{i}_s1"]
-        assert seat.translation_m == pytest.approx(2.4e-3 * drawing.kinematics.moving_centres_m[k])
-        assert base.translation_m == pytest.approx(6e-4 * drawing.kinematics.fixed_centres_m[k])
-        assert seat.rotation_rad == (0.0, 0.0, 0.0)
-    assert errors["leg4_s3"].translation_m == pytest.approx((0.0, 0.0, -0.7 * 1.2e-3))
+        assert seat.translation == pytest.approx(2.4e-3 * drawing.kinematics.moving_centres_m[k])
+        assert base.translation == pytest.approx(6e-4 * drawing.kinematics.fixed_centres_m[k])
+        assert np.array_equal(seat.rotation, np.eye(3))
+    assert errors["leg4_s3"].translation == pytest.approx((0.0, 0.0, -0.7 * 1.2e-3))
 
 
 def test_all_equally_warm_is_a_larger_robot(drawing):

@@ -16,7 +16,6 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.strangers import readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
@@ -106,18 +105,20 @@ def joint_limits(joint: etree._Element) -> tuple[float, float]:
     return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
 
 
-def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
+def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
 
-    Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers are
-    written so that reading them gives the same double again: errors of a nanometre survive. Raises
-    UnknownJointError, or DescriptionError where the text is not readable XML or an origin is not six numbers.
+    Each joint's origin M becomes M times its displacement; all else stays as it is. Numbers are written so that reading
+    them gives the same double again: errors of a nanometre survive. Raises UnknownJointError, ValueError where a
+    displacement is not finite, or DescriptionError where the text is not readable XML or an origin is not six numbers.
     """
     root = parsed(urdf, source)
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     for name, placement in placements.items():
         if name not in joints:
             raise UnknownJointError(name, joints)
+        if not np.isfinite(placement.homogeneous).all():
+            raise ValueError(f"the displacement of '{name}' must be finite numbers")
         _displace(joints[name], placement, source)
     return xml_text(root)
 
@@ -182,9 +183,9 @@ def _say_massless(root: etree._Element) -> None:
             etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
 
 
-def _displace(joint: etree._Element, placement: PlacementError, source: Path | str) -> None:
+def _displace(joint: etree._Element, placement: pin.SE3, source: Path | str) -> None:
     """Move one joint's origin in place."""
-    origin, actual = joint.find("origin"), origin_pose(joint, source) * placement.to_se3()
+    origin, actual = joint.find("origin"), origin_pose(joint, source) * placement
     if origin is None:
         origin = etree.SubElement(joint, "origin")
     origin.set("xyz", text(actual.translation))

@@ -21,7 +21,6 @@ from pouring_robot.exceptions import BadInputError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import PlacementParameter, Twist
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain, dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
 
@@ -200,7 +199,7 @@ class DHTable:
             raise BadInputError(f"there is no chain {chain}; the robot has {', '.join(map(str, self._chains))}")
         return self._chains[chain].poses(values, self._error_arrays(errors)[chain])
 
-    def placement_errors(self, errors: Mapping[str, float]) -> dict[str, PlacementError]:
+    def placement_errors(self, errors: Mapping[str, float]) -> dict[str, pin.SE3]:
         """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
 
         An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
@@ -208,15 +207,9 @@ class DHTable:
         arrays = self._error_arrays(errors)
         touched = {self[name].joint for name, value in errors.items() if value != 0.0}
         moved = {number: chain.displacements(arrays[number]) for number, chain in self._chains.items()}
-        return {
-            joint: PlacementError.from_se3(pin.SE3(moved[chain.number][k]))
-            for joint, (chain, k) in self._sites.items()
-            if joint in touched
-        }
+        return {joint: pin.SE3(moved[chain.number][k]) for joint, (chain, k) in self._sites.items() if joint in touched}
 
-    def errors_from_placements(
-        self, placements: Mapping[str, PlacementError], *, drop_outs: bool = True
-    ) -> dict[str, float]:
+    def errors_from_placements(self, placements: Mapping[str, pin.SE3], *, drop_outs: bool = True) -> dict[str, float]:
         """Return the DH errors (m, rad; in table order) of every chain with a joint that is displaced.
 
         A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
@@ -234,10 +227,10 @@ class DHTable:
         for joint in placements:
             if joint not in self._sites:
                 raise UnknownJointError(joint, self._sites)
-        result, none = {}, PlacementError()
+        result, none = {}, pin.SE3.Identity()
         for number in sorted({self._sites[joint][0].number for joint in placements}):
             chain = self._chains[number]
-            moved = np.stack([placements.get(joint, none).to_se3().homogeneous for joint in chain.joints])
+            moved = np.stack([placements.get(joint, none).homogeneous for joint in chain.joints])
             parameters = [p for p in self.parameters if p.chain == number]
             roles = np.array([p.role for p in parameters]).reshape(8, 4)
             free = (roles == "joint variable") & (not drop_outs)

@@ -18,7 +18,6 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import joint_axis, parsed, perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
@@ -80,7 +79,7 @@ class ClosedRobot:
         model, placed = self.mechanism.shared_model, {}
         for name in self.mechanism.loops.cut_joints:  # off by the value of the free joint it is in the closure
             first = model.joints[self.mechanism.joint_id(name)].idx_q
-            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
+            placed[name] = pin.XYZQUATToSE3(self.result.configuration[first : first + 7])
         return perturb_urdf(self.mechanism.urdf, placed)
 
     def urdf_zero_here(self) -> str:
@@ -88,9 +87,9 @@ class ClosedRobot:
         axes = {str(joint.get("name")): joint_axis(joint) for joint in parsed(self.urdf).iterfind("joint")}
         moved = {}
         for name, value in self.joints.items():
-            way = tuple((value * axes[name] / np.linalg.norm(axes[name])).tolist())
+            way = value * axes[name] / np.linalg.norm(axes[name])
             is_slide = self.mechanism.unit_of(name) == "m"
-            moved[name] = PlacementError(translation_m=way) if is_slide else PlacementError(rotation_rad=way)
+            moved[name] = pin.SE3(np.eye(3), way) if is_slide else pin.SE3(pin.exp3(way), np.zeros(3))
         root = parsed(perturb_urdf(self.urdf, moved))
         for joint in root.iterfind("joint"):
             value = self.joints.get(str(joint.get("name")), 0.0)

@@ -16,7 +16,7 @@ from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -129,15 +129,7 @@ class FourUPUKinematics:
 
     def refuse_beyond_limits(self, values: Mapping[str, float]) -> None:
         """Check joint values (m, rad) against the robot's limits, as :func:`refuse_beyond`."""
-        refuse_beyond(self.reach(values))
-
-    def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
-        """Return how every chain joint stands within its limits, the most limiting one first."""
-        return joint_reach(self.mechanism, values)
-
-    def limiting_joint(self, values: Mapping[str, float]) -> JointReach:
-        """Return the joint that is nearest to, or furthest beyond, its limits."""
-        return self.reach(values)[0]
+        refuse_beyond(joint_reach(self.mechanism, values))
 
     def configuration(self, pose: PlatformPose) -> FloatArray:
         """Return the closed nominal configuration at a pose, joint limits aside; shape (nq,)."""

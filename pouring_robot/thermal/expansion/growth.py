@@ -20,8 +20,6 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
@@ -77,7 +75,7 @@ class ThermalExpansion:
 
     def placements(
         self, kinematics: FourUPUKinematics, passive_lengths_m: Mapping[str, float] | None = None
-    ) -> dict[str, PlacementError]:
+    ) -> dict[str, pin.SE3]:
         """Return the joints of the drawing that heat displaces, by name: U-joint centres, passive prismatic joints.
 
         ``passive_lengths_m``: length of each leg that is not driven, by its prismatic joint.
@@ -93,23 +91,13 @@ class ThermalExpansion:
                 (f"leg{i}_seat_mount", "moving_platform", self.platform_strain * kinematics.moving_centres_m[k]),
             ):
                 placement = mechanism.pose_world_to_placement(data, joint)
-                errors[joint] = _shift(placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth)
+                errors[joint] = pin.SE3(
+                    np.eye(3), placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth
+                )
         for joint, length in (passive_lengths_m or {}).items():
-            errors[joint] = _shift(self._by_joint()[joint] * length * _axis(mechanism, joint))
+            (axis,) = mechanism.joint_axes([mechanism.joint_id(joint)])
+            errors[joint] = pin.SE3(np.eye(3), self._by_joint()[joint] * length * axis[:3])
         return errors
-
-
-def _shift(translation_m: FloatArray) -> PlacementError:
-    x, y, z = (float(value) for value in translation_m)
-    return PlacementError((x, y, z))
-
-
-def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
-    """Return the direction of a prismatic joint in its own frame, shape (3,)."""
-    model, number = mechanism.shared_model, mechanism.joint_id(joint)
-    data = model.createData()
-    pin.forwardKinematics(model, data, mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0}))
-    return np.array(data.liMi[number].translation - model.jointPlacements[number].translation)
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,8 +76,8 @@ class WarmRobot(PouringRobot):
         self.expansion, self.pose = expansion, pose
         passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
         mechanism = robot.kinematics.mechanism.with_stiffness(robot.actual_solver.mechanism.loops.stiffness)
-        for errors in (expansion.placements(robot.kinematics, passive), robot.model.placement_errors()):
-            mechanism = mechanism.displaced({joint: error.to_se3() for joint, error in errors.items()})
+        for errors in (expansion.placements(robot.kinematics, passive), robot.model.displacements()):
+            mechanism = mechanism.displaced(errors)
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
@@ -309,13 +309,13 @@ class WarmPath:
 
         The growth of a leg that is not driven changes nothing but the value of its own joint.
         """
-        structure, built = self.engine.structure, heated.robot.model.placement_errors()
+        structure, built = self.engine.structure, heated.robot.model.displacements()
         errors = np.zeros((len(self.strain), structure.site_count, 6))
         for k, part in ((4, ThermalExpansion(_NO_LEG, 1.0, 0.0)), (5, ThermalExpansion(_NO_LEG, 0.0, 1.0))):
             for joint, shift in part.placements(heated.robot.kinematics).items():
-                if np.any(shift.translation_m):
-                    turned = built[joint].to_se3().rotation if joint in built else np.eye(3)
-                    way = turned.T @ np.array(shift.translation_m)
+                if np.any(shift.translation):
+                    turned = built[joint].rotation if joint in built else np.eye(3)
+                    way = turned.T @ shift.translation
                     errors[:, structure.site(joint), :3] += self.strain[:, k, None] * way
         return errors.reshape(len(errors), structure.site_count * 6)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.batch import BatchCommand, CompiledEngine, SiteErrors
 from pouring_robot.io.progress import Progress, say_nothing
@@ -112,7 +113,7 @@ class ClosedChainStudy:
         """Return the displaced joint placement that equals one DH error, exactly, for all samples."""
         ((joint, error),) = self._table.placement_errors({parameter.name: size}).items()
         site = self._engine.structure.site(joint)
-        displacement = np.array([*error.translation_m, *error.rotation_rad])
+        displacement = np.concatenate([error.translation, pin.log3(error.rotation)])
         return SiteErrors.one_each(np.full(count, site), np.tile(displacement, (count, 1)))
 
     @functools.cached_property
