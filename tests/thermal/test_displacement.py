@@ -157,8 +157,22 @@ def test_the_command(capsys, tmp_path):
     assert "girders up to 20 degC" in capsys.readouterr().out
     refused = main([*at, "--html", str(page), "--overwrite"])
     assert refused == 2 and "give --history, or --under heat" in capsys.readouterr().err
-    assert main([*at, "--under", "heat", "--payload-kg", "5"]) == 2
-    assert "belong to --under weight or both" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--under", "heat", "--payload-kg", "5"], "belong to --under weight or both"),
+        (["--under", "weight", "--ladle-degC", "300"], "weight is seen on the cold robot"),
+        (["--under", "weight", "--payload-kg", "1e5"], "--payload-kg: 100000 kg is no load"),
+        (["--under", "heat", "--ladle-degC", "nan"], "'--ladle-degC'"),
+        (["--under", "heat", "--ladle-degC", "-400"], "'--ladle-degC'"),
+        (["--under", "heat", "--ladle-degC", "inf"], "--ladle-degC: inf degC is hotter than any melt"),
+    ],
+)
+def test_loads_and_temperatures_that_mean_nothing_are_refused(options, said, capsys):
+    assert main(["thermal", "--at-mm", "-100", "20", "-600", *options]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_measured_stiffness_takes_the_place_of_the_computed_one(capsys, tmp_path):

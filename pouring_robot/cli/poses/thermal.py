@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
@@ -39,11 +40,32 @@ class Moved:
         None
     )
     ladle_degC: Annotated[  # noqa: N815 - the unit keeps its capital
-        float | None, options.opt("Ladle's steel for --under (default: computed).", "--ladle-degC")
+        float | None,
+        options.opt("Ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC),
     ] = None
     stiffness: Annotated[
         Path | None, options.reads("Stiffness of the parts for --under (default: the shipped file).")
     ] = None
+
+    def check(self) -> None:
+        """Refuse what does not belong to what is asked, and what is no load and no temperature."""
+        import numpy as np
+
+        from pouring_robot.io.quantities import first_fault
+
+        if self.under is None and self != Moved():
+            raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
+        if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
+            raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
+        if self.under == "weight" and self.ladle_degC is not None:
+            raise BadInputError("--ladle-degC belongs to --under heat or both: weight is seen on the cold robot")
+        faults = (
+            ("payload-kg", self.payload_kg is not None and first_fault(np.array([self.payload_kg]), "mass")),
+            ("ladle-degC", self.ladle_degC is not None and first_fault(np.array([self.ladle_degC]), "temperature")),
+        )
+        for option, fault in faults:
+            if fault:
+                raise BadInputError(f"--{option}: {fault[1]}")
 
     def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
         """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
@@ -101,10 +123,7 @@ def thermal(
     from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing
 
-    if moved.under is None and moved != Moved():
-        raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
-    if moved.under == "heat" and (moved.payload_kg is not None or moved.stiffness is not None):
-        raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
+    moved.check()
     if moved.under is None and history is None and html is not None:
         raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
     if moved.under is not None and at_mm is None:
