@@ -1,5 +1,7 @@
 """What a table says, axis by axis; the thermal-model file; the same for the drives of another robot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -64,7 +66,7 @@ def test_the_file_says_what_the_line_says(measured, tmp_path):
     for k, axis in enumerate("xyz"):
         line = found.axes[axis].lines["pose"].predict(T[[5]], places.values[[4]])[0, 0]
         assert model.displacement_m(T[5] - 273.15, at)[k] == pytest.approx(line, abs=1e-15)
-    assert model.beyond(1800.0) and not model.beyond(1700.0)
+    assert model.beyond(1800.0, at) == ["melt 1800 degC (600 to 1700)"] and model.beyond(1700.0, at) == []
     with pytest.raises(BadInputError, match="needs z"):
         model.displacement_m(1500.0, {"x": 0.0, "y": 0.0})
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -90,8 +92,18 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
     found = read_positions(file, ("A", "B"))
     assert found.names == ("x", "q1") and found.units == ("m", "rad")  # what never changes says nothing
     np.testing.assert_allclose(found.values, [[1e-3, 0.25], [2e-3, 0.5]])
+    assert found.ranges == {"x": (1e-3, 2e-3), "tilt": (np.radians(10.0),) * 2, "q1": (0.25, 0.5)}
     with pytest.raises(TableError, match="no row for the sets C"):
         read_positions(file, ("A", "C"))
+
+
+def test_a_pose_beyond_those_of_the_sets_is_told(measured):
+    table, places = measured
+    spans = {"x": (-0.1, 0.1), "tilt": (0.2, 0.2), "q1": (0.0, 1.0)}
+    model = regress(table, replace(places, ranges=spans)).model()
+    assert model.beyond(700.0, {"x": 0.1, "y": 5.0, "tilt": 0.2}) == []
+    told = model.beyond(700.0, {"x": -0.25, "tilt": 0.0, "q1": 2.0})
+    assert told == ["x -250 mm (-100 to 100)", "tilt 0 deg (11.4592)", "q1 2 m or rad (0 to 1)"]
 
 
 def test_drives_of_another_robot(tmp_path, capsys):

@@ -124,7 +124,8 @@ def _ladle(
     if heat is not None and len(found) > 1:
         options.say(warm.alone_line(heat))
     if law is not None:
-        options.say(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
+        told = law.words(*(one.wanted for one in found))
+        options.say(f"{told}; the drives follow from the paper's sum, what is left is that of the full closure")
     if robot.model.is_drawing and heat is None and under is None:
         options.print_notes(["the drawing, cold, needs no compensation; give --model, --melt-degC or both"])
     beyond = (robot.outside_workspace(one.wanted) for one in found)

@@ -38,15 +38,16 @@ class ThermalLaw:
 
     def moves_m(self, pose: PlatformPose) -> FloatArray:
         """Return what heat adds to the platform's position at a commanded pose, shape (3,), in m."""
-        inputs = dict(zip("xyz", pose.position_m, strict=True)) | {"tilt": pose.tilt_rad}
-        return self.model.displacement_m(self.melt_degC, inputs)
+        return self.model.displacement_m(self.melt_degC, _inputs(pose))
 
-    @property
-    def words(self) -> str:
-        """Where it comes from, and whether it is asked beyond its temperatures."""
-        low, high = self.model.melt_degC
-        beyond = f", BEYOND the {low:g} to {high:g} degC it was fitted to" if self.model.beyond(self.melt_degC) else ""
-        return f"thermal model of {self.model.source}, melt {self.melt_degC:g} degC{beyond}"
+    def words(self, *poses: Command) -> str:
+        """Return where it comes from, what it does not know, and what of poses lies beyond what it was fitted to."""
+        said = [f"thermal model of {self.model.source}", f"melt {self.melt_degC:g} degC"]
+        if self.heat.after_min is not None or self.heat.ambient_degC is not None:
+            said.append("whatever the time and the surroundings")
+        inputs = [_inputs(pose) for pose in poses if isinstance(pose, PlatformPose)]
+        beyond = dict.fromkeys(words for one in inputs for words in self.model.beyond(self.melt_degC, one))
+        return ", ".join(said) + (f", BEYOND what it was fitted to: {', '.join(beyond)}" if beyond else "")
 
     def sum_mm(self, robot: Robot, command: Command, full: Location) -> dict[str, list[float]]:
         """Return theory, geometry, heat, their sum (the paper's Fig. 13) and the full closure, in mm."""
@@ -63,12 +64,16 @@ class ThermalLaw:
         parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
         return {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}
 
-    def print_sum(self, parts: dict[str, list[float]]) -> None:
+    def print_sum(self, pose: Command, parts: dict[str, list[float]]) -> None:
         """Print it beside the full closure."""
         rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
         # A title of the table would be broken at the table's width.
-        say(f"the paper's sum for the platform, mm; {self.words}", style="italic")
+        say(f"the paper's sum for the platform, mm; {self.words(pose)}", style="italic")
         print_table(("", "x", "y", "z"), rows)
+
+
+def _inputs(pose: PlatformPose) -> dict[str, float]:
+    return dict(zip("xyz", pose.position_m, strict=True)) | {"tilt": pose.tilt_rad}
 
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, cold: bool) -> ThermalLaw | None:

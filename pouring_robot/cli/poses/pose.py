@@ -38,11 +38,13 @@ def pose(
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}
-        sums = {"paper_sum_mm": law.sum_mm(present, command, location)} if law else {}
+        sums = {}
+        if law:
+            sums = {"thermal_model": law.words(command), "paper_sum_mm": law.sum_mm(present, command, location)}
         return options.print_json(figures | warmth.figures() | sums)
     locations.print_location(location)
     warmth.print()
     if law:
-        law.print_sum(law.sum_mm(present, command, location))
+        law.print_sum(command, law.sum_mm(present, command, location))
     locations.print_closure_note(location, dexterity, weakness, notes)
     options.print_written(written)

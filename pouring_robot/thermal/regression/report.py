@@ -177,6 +177,7 @@ class RegressionReport(Result):
             melt_degC=(float(celsius.min()), float(celsius.max())),
             inputs=places.names if places else (),
             centre=tuple(places.values.mean(axis=0).tolist()) if places else (),
+            ranges=dict(places.ranges) if places else {},
             axes=rows,
         )
 
@@ -243,7 +244,8 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
     values = np.column_stack(columns)[[rows[name] for name in names]]
     varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
-    return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied])
+    ranges = {name: (float(own.min()), float(own.max())) for name, own in zip(inputs, values.T, strict=True)}
+    return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied], ranges)
 
 
 def html_report(found: RegressionReport) -> str:

@@ -6,6 +6,7 @@
     melt_degC: [600.0, 1700.0]                # where it was fitted
     inputs: [x, y, z]                         # of the pose, m (tilt: rad); none for lines of temperature alone
     centre: [-0.1, 0.0, -0.6]                 # p0
+    ranges: {x: [-0.4, 0.2], tilt: [0.17, 0.17]}     # of the poses it was fitted to, those of no influence, too
     axes:
       z: {method: pose, coefficients: [[…], […]]}      # C of ErrorLine, m, per K in the second row
 
@@ -15,8 +16,9 @@ The error along each axis is :class:`ErrorLine`'s.
 # ruff: noqa: N815 - units keep their capitals
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -28,11 +30,14 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
 
 if TYPE_CHECKING:
     from pouring_robot.thermal.regression.table import ErrorTable
 
 AXES = ("x", "y", "z")
+_SAME = 1e-9  # degC, m or rad: rounding
+_SHOWN = {"melt": (1.0, "degC"), **dict.fromkeys(AXES, (MM, "mm")), "tilt": (math.pi / 180.0, "deg")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +47,12 @@ class Positions:
     names: tuple[str, ...]  # of the inputs, such as ``x``
     units: tuple[str, ...]  # ``m`` or ``rad`` of each
     values: FloatArray  # shape (k, f), in m and rad, one row a set
+    # lowest and highest of everything that is known of the poses, in m and rad, of what is one and the same, too
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def rows(self, kept: Sequence[int]) -> Positions:
         """Return those of some of the sets."""
-        return Positions(self.names, self.units, self.values[kept])
+        return replace(self, values=self.values[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +120,9 @@ class AxisModel(StrictModel):
 class ThermalModel(StrictModel):
     """What heat adds to the position of the end frame.
 
-    Keys as in the file; ``melt_degC``: lowest and highest temperature of the table it was fitted to. An axis that is
-    not named is taken for free of error. A file that is missing or wrong raises ThermalFileError, which names file,
-    line and key; a pose without one of the inputs BadInputError.
+    Keys as in the file; ``melt_degC`` and ``ranges``: lowest and highest temperature of the table it was fitted to, and
+    of its poses, m and rad. An axis that is not named is taken for free of error. A file that is missing or wrong
+    raises ThermalFileError, which names file, line and key; a pose without one of the inputs BadInputError.
     """
 
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
@@ -124,6 +131,7 @@ class ThermalModel(StrictModel):
     melt_degC: tuple[float, float]
     inputs: tuple[str, ...] = ()
     centre: tuple[float, ...] = ()
+    ranges: dict[str, tuple[float, float]] = pydantic.Field(default_factory=dict)
     axes: dict[Literal["x", "y", "z"], AxisModel] = pydantic.Field(min_length=1)
 
     @pydantic.model_validator(mode="after")
@@ -166,7 +174,14 @@ class ThermalModel(StrictModel):
             moved[AXES.index(name)] = line.predict(np.array([melt_degC + ZERO_CELSIUS_K]), place)[0, 0]
         return moved
 
-    def beyond(self, melt_degC: float) -> bool:
-        """Return whether a temperature lies outside those that the model was fitted to."""
-        low, high = self.melt_degC
-        return not low - 1e-9 <= melt_degC <= high + 1e-9
+    def beyond(self, melt_degC: float, pose: Mapping[str, float]) -> list[str]:
+        """Return in words what of a temperature and a pose, m and rad by name, lies outside what it was fitted to."""
+        asked = {"melt": (melt_degC, self.melt_degC)}
+        asked |= {name: (pose[name], bounds) for name, bounds in self.ranges.items() if name in pose}
+        found = []
+        for name, (value, (low, high)) in asked.items():
+            if not low - _SAME <= value <= high + _SAME:
+                unit, word = _SHOWN.get(name, (1.0, "m or rad"))
+                fitted = f"{low / unit:.6g}" + (f" to {high / unit:.6g}" if high > low else "")
+                found.append(f"{name} {value / unit:.6g} {word} ({fitted})")
+        return found
