@@ -2,12 +2,8 @@
 
 import importlib
 import re
-import shlex
 import shutil
-import subprocess
-import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
@@ -17,6 +13,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import SweepConfig
 from scripts.site_pages import exported
+from tests.docs.shown import assert_shown, commands, fences, what_it_prints
 from tests.support import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -29,6 +26,8 @@ SLOW = {
     "make demo": "makes an environment",
     "make test": "runs all tests",
     "pouring-robot calibrate measured.csv": "needs the plan",
+    "series_c.csv --robot examples/machines/ur10/robot.yaml --out": "see tests/diagnosis/test_measured_arm",
+    "series_c.csv --model": "see tests/diagnosis/test_measured_arm",
     "pouring-robot campaign plan": "takes half a minute; see tests/design",
     "pouring-robot campaign simulate --plan plan.csv": "needs the plan",
     "pouring-robot campaign check measured.csv": "needs the plan",
@@ -44,38 +43,9 @@ SLOW = {
 }
 
 
-def fences(page: Path, *kinds: str) -> list[tuple[str, str]]:
-    """Return kind and text of the page's blocks of some kinds, in order."""
-    found = re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
-    return [(kind, text) for kind, text in found if kind in kinds]
-
-
-def commands(text: str) -> list[tuple[str, str]]:
-    """Return every command of a console block with the output that is shown for it."""
-    found = []
-    for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
-        command, _, output = part.partition("\n")
-        found.append((re.sub(r"\s+# .*$", "", command), output))
-    return found
-
-
 def why_slow(text: str) -> str | None:
     """Return why a command or block is not run, or None."""
     return next((why for part, why in SLOW.items() if part in text), None)
-
-
-def squeezed(text: str) -> str:
-    """Return a text with every run of white space as one blank."""
-    return " ".join(text.split())
-
-
-def assert_shown(shown: str, printed: str) -> None:
-    """Check that what is shown was printed, in order; a line of dots stands for anything."""
-    rest = squeezed(printed)
-    for run in re.split(r"^\.\.\.$", shown, flags=re.MULTILINE):
-        wanted = squeezed(run)
-        assert wanted in rest, f"not printed: {wanted}\nbut: {rest}"
-        rest = rest[rest.index(wanted) + len(wanted) :]
 
 
 @pytest.fixture
@@ -108,18 +78,6 @@ def test_what_a_page_shows_is_what_happens(pages, folder, capfd, monkeypatch):
                     if own not in printed:
                         printed[own] = what_it_prints(own, capfd)
                     assert_shown(shown, printed[own])
-
-
-def what_it_prints(command, capfd):
-    """Run a command of a page, which must end well, and return what it says."""
-    program, *arguments = shlex.split(command)
-    capfd.readouterr()
-    if program == "pouring-robot":
-        assert main(arguments) == 0, command
-    else:
-        assert Path(program).name == "python", command
-        subprocess.run([sys.executable, *arguments], check=True, env={"PYTHONPATH": str(ROOT)})
-    return capfd.readouterr().out
 
 
 def test_every_reason_has_its_block():

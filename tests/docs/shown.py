@@ -1,0 +1,51 @@
+"""What a page shows: its blocks, its commands with the output under them, and whether that is what they print."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from pouring_robot.cli.app import main
+from tests.support import ROOT
+
+
+def fences(page: Path, *kinds: str) -> list[tuple[str, str]]:
+    """Return kind and text of the page's blocks of some kinds, in order."""
+    found = re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [(kind, text) for kind, text in found if kind in kinds]
+
+
+def commands(text: str) -> list[tuple[str, str]]:
+    """Return every command of a console block with the output that is shown for it."""
+    found = []
+    for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+        command, _, output = part.partition("\n")
+        found.append((re.sub(r"\s+# .*$", "", command), output))
+    return found
+
+
+def squeezed(text: str) -> str:
+    """Return a text with every run of white space as one blank."""
+    return " ".join(text.split())
+
+
+def assert_shown(shown: str, printed: str) -> None:
+    """Check that what is shown was printed, in order; a line of dots stands for anything."""
+    rest = squeezed(printed)
+    for run in re.split(r"^\.\.\.$", shown, flags=re.MULTILINE):
+        wanted = squeezed(run)
+        assert wanted in rest, f"not printed: {wanted}\nbut: {rest}"
+        rest = rest[rest.index(wanted) + len(wanted) :]
+
+
+def what_it_prints(command, capfd):
+    """Run a command of a page, which must end well, and return what it says."""
+    program, *arguments = shlex.split(command)
+    capfd.readouterr()
+    if program == "pouring-robot":
+        assert main(arguments) == 0, command
+    else:
+        assert Path(program).name == "python", command
+        subprocess.run([sys.executable, *arguments], check=True, env={"PYTHONPATH": str(ROOT)})
+    return capfd.readouterr().out
