@@ -31,7 +31,7 @@ def plan(
     criterion: Annotated[str, options.opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
     which: bundles.Which,
     sigma_mm: Annotated[float, options.opt("Noise of a measured coordinate.")] = 0.05,
-    sigma_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
+    sigma_mrad: Annotated[float | None, options.opt("Noise of a rotation component (default: 0.05).")] = None,
     position_only: Annotated[bool, options.opt("No rotations will be measured.", "--position-only")] = False,
     target_mm: Annotated[
         tuple[float, float, float], options.opt("About where the target sits on the moving platform.", metavar="X Y Z")
@@ -66,12 +66,15 @@ def plan(
     check_ending(out, CSV_SUFFIXES)
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
+    if position_only and sigma_mrad is not None:
+        raise BadInputError("give --sigma-mrad or --position-only, not both: without rotations they have no noise")
+    sigma_rad = None if position_only else 1e-3 * (0.05 if sigma_mrad is None else sigma_mrad)
     present = which.built()
     request = PlanRequest(
         poses=poses,
         parameters=tuple(parameters or ()),
         criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
-        noise=NoiseLevel.stated(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
+        noise=NoiseLevel.stated(sigma_mm * 1e-3, sigma_rad),
         target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
         priors=(Tolerances.load(tolerances) if tolerances else Tolerances.of(present.model.definition))
         if priors

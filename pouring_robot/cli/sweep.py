@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.exceptions import BadInputError, StoppedError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, StoppedError
 
 if TYPE_CHECKING:
     from pouring_robot.report.page import Table
+    from pouring_robot.sweeps.analysis.report import SweepReport
 
 _SHOWN = 15
 
@@ -29,7 +31,6 @@ def sweep(
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
     from pouring_robot.sweeps import SweepConfig, SweepPlan
     from pouring_robot.sweeps import sweep as run
-    from pouring_robot.sweeps.analysis import report
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
@@ -55,7 +56,16 @@ def sweep(
             raise StoppedError(f"stopped; {kept}") from stop
     written = (outcome.store.path, *outcome.save())
     if as_json:
-        return options.print_figures(outcome.figures(), written)
+        options.print_figures(outcome.figures(), written)
+    else:
+        _print(outcome, written)
+    if not outcome.summary.closed:
+        raise NoSolutionError(outcome.headline)
+
+
+def _print(outcome: SweepReport, written: Sequence[Path]) -> None:
+    from pouring_robot.sweeps.analysis import report
+
     for k, line in enumerate(report.summary_lines(outcome)):
         options.say(line, style="" if k else "bold", soft_wrap=True)
     title = f"the tolerances that matter most ({outcome.summary.frame})"

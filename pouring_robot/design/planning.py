@@ -59,7 +59,7 @@ class Planner:
     """Plans for one robot and one request. Candidates and their columns are worked out once.
 
     Raises:
-        BadInputError: a parameter is unknown, or a load is more than the ladle holds.
+        BadInputError: a parameter is unknown, a load is more than the ladle holds, or the candidates are too few.
         UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
         NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
     """
@@ -79,7 +79,7 @@ class Planner:
         # Where a pose can be visited in several ways, fewer poses make as many candidates.
         wanted = self.request.candidates // visits if visits > 1 else self.request.candidates
         poses = candidate_poses(robot.command_axes, wanted)
-        self.poses, rows = self._rows(columns, poses[columns.reachable(poses)])
+        self.poses, rows = self._rows(columns, poses)
         # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
         # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
         names = [p.name for p in FRAME_PARAMETERS]
@@ -106,12 +106,19 @@ class Planner:
         loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (Conditions().leg_degC,)
         return tuple(Conditions(1, load, degrees) for degrees in temperatures for load in loads)
 
-    def _rows(self, columns: Columns, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _rows(self, columns: Columns, candidates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the poses that close, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
+        poses = candidates[columns.reachable(candidates)]
         sides = (1, -1) if self.request.both_sides else (1,)
         visits = [replace(state, side=side) for state in self.states for side in sides]
         rows, closed = self.measured(columns, poses, visits)
-        if np.count_nonzero(closed) < max(self.request.poses, 20):
+        count, least, tried = np.count_nonzero(closed), max(self.request.poses, 20), len(candidates)
+        if count < least and count > tried / 2:
+            raise BadInputError(
+                f"{least} poses to choose from are needed, and {count} of {tried} close; give more candidates "
+                f"(--candidates) than {self.request.candidates}"
+            )
+        if count < least:
             raise NoSolutionError("the robot can hardly go anywhere in its workspace; check limits and model")
         shape = (-1, len(self.states), len(sides), *rows.shape[2:])
         return poses[closed], rows[closed].reshape(shape)

@@ -74,7 +74,8 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
     """Return the parameters of a sweep in the order of its ``errors``.
 
     Raises:
-        BadInputError: a name matches nothing, a parameter is given twice or has no size of its unit.
+        BadInputError: a name matches nothing, a parameter is given twice or has no size of its unit, or a size is of
+            the unit of no parameter.
     """
     chosen: dict[str, SweepParameter] = {}
     for number, entry in enumerate(config.errors):
@@ -88,6 +89,10 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
                 raise config.problem(f"'{name}' is given twice: here and in errors.{chosen[name].entry}", number)
             if entry.size_si(size, p.unit) is None:
                 raise config.problem(f"'{name}' needs {size}_{'mm' if p.unit == 'm' else 'mrad'}", number)
+        units = {p.unit for p in found.values()}
+        for unit, shown, others in (("m", "mm", "angles"), ("rad", "mrad", "lengths")):
+            if unit not in units and entry.size_si(size, unit) is not None:
+                raise config.problem(f"{size}_{shown} fits none of its parameters, all {others}; leave it out", number)
         chosen |= {name: SweepParameter(**vars(p), entry=number) for name, p in found.items()}
     return tuple(chosen.values())
 

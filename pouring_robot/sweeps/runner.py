@@ -16,7 +16,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
-from pouring_robot.sweeps.store import SweepStore, remove_sweep
+from pouring_robot.sweeps.store import SweepStore, remove_sweep, require_room
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
@@ -48,7 +48,8 @@ def sweep(
 
     Raises:
         SweepFileError: the file is wrong.
-        BadInputError: a name in it does not fit the robot, or ``resume`` and ``overwrite`` are both asked for.
+        BadInputError: a name in it does not fit the robot, the results are larger than the disk or what is kept of them
+            than the memory, or ``resume`` and ``overwrite`` are both asked for.
         UnreachablePoseError: a pose is out of reach.
         SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
         SweepWorkerError: the cluster cannot be reached, or its workers fail.
@@ -77,6 +78,7 @@ def run_sweep(
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     if overwrite and resume:
         raise BadInputError("give --resume or --overwrite, not both: one goes on, the other begins anew")
+    require_room(folder, plan)
     if overwrite:
         remove_sweep(folder)
     store = SweepStore(folder, plan, resume=resume)

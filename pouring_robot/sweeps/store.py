@@ -24,10 +24,12 @@ import contextlib
 import errno
 import fcntl
 import json
+import math
 import os
 import shutil
 import time
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +47,9 @@ STORE = "results.zarr"
 SUMMARY, RANKING, PICTURE, PAGE = REPORTS = ("summary.json", "ranking.csv", "sweep.png", "report.html")
 FORMAT = "pouring_robot/sweep-results/1"
 AXES = ("x", "y", "z")
+# Bytes that stay in memory: of each robot its eight sums (of a Sobol study its points, and its outputs twice, besides);
+# of each chunk its place.
+_A_ROBOT, _A_SOBOL_ROBOT, _A_CHUNK = 64, 128, 400
 
 
 class SweepStore:
@@ -177,6 +182,37 @@ def open_results(folder: Path | str) -> xr.Dataset:
         return dataset
     except Exception as problem:
         raise _damaged(path, str(problem)) from problem
+
+
+def require_room(folder: Path | str, plan: SweepPlan) -> None:
+    """Refuse a sweep, as BadInputError, whose results are larger than its disk or whose sums are than the memory.
+
+    Results count without compression. Of the disk all counts: what is full now can be cleared while the sweep runs.
+    """
+    place, robots = Path(folder), plan.draws.count
+    results = [(name, array.shape) for name, array in _arrays(plan).items() if array.values is None]
+    size = sum(math.prod(shape) * (1 if name == "status" else 8) for name, shape in results)
+    a_robot = _A_SOBOL_ROBOT if plan.config.study == "sobol" else _A_ROBOT
+    kept = robots * a_robot + math.prod(plan.chunk_grid) * _A_CHUNK
+    with writing(place):
+        there = next(one for one in (place / STORE, place, *place.absolute().parents) if one.exists())
+        disk = shutil.disk_usage(there).total
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    study = f"{robots} robots at {len(plan.poses)} poses"
+    if size > disk:
+        raise plan.config.problem(
+            f"the results of {study} take {_gigabytes(size)}, and the disk of {place} has {_gigabytes(disk)}; "
+            "take fewer samples or poses, or a larger disk"
+        )
+    if kept > memory:
+        raise plan.config.problem(
+            f"the sums of {study} take {_gigabytes(kept)} of memory, and this machine has {_gigabytes(memory)}; "
+            "take fewer samples, or larger chunks"
+        )
+
+
+def _gigabytes(size: int) -> str:
+    return f"{Decimal(size) / 10**9:.3g} GB"  # which may be beyond all floats
 
 
 def remove_sweep(folder: Path | str) -> None:

@@ -461,6 +461,14 @@ def test_command_line(tmp_path, capsys):
     assert len(measured.read_text().splitlines()) == 9
 
 
+def test_more_poses_than_candidates_ask_for_more_candidates(tmp_path, capsys):
+    command = ["campaign", "plan", "--poses", "400", "--candidates", "100", "--out", str(tmp_path / "plan.csv")]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "400 poses to choose from are needed, and" in said and "give more candidates (--candidates) than 100" in said
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -470,6 +478,7 @@ def test_command_line(tmp_path, capsys):
         ["--criterion", "X"],
         ["--tolerances", "none.yaml"],
         ["--loads", "0", "9999"],
+        ["--position-only", "--sigma-mrad", "3"],
     ],
 )
 def test_bad_input_is_one_line(arguments, tmp_path, capsys):

@@ -40,6 +40,14 @@ BAD = {
     "no limit": (errors(parameters="a_e2_*", distribution="truncated_normal", std_mm=1), "limit_mm is missing"),
     "no size": (errors(parameters="a_e2_*"), "no size is given"),
     "wrong unit": (errors(parameters="a_e2_*", half_width_mrad=1), "'a_e2_01' needs half_width_mm"),
+    "a size for no length": (
+        errors(parameters="alpha_e2_*", half_width_mm=1, half_width_mrad=1),
+        "errors.1: half_width_mm fits none of its parameters, all angles; leave it out",
+    ),
+    "a size for no angle": (
+        errors(parameters="a_e2_*", distribution="normal", std_mm=1, std_mrad=1),
+        "errors.1: std_mrad fits none of its parameters, all lengths; leave it out",
+    ),
     "given twice": (errors(parameters="a_e1_01", half_width_mm=1), "'a_e1_01' is given twice"),
     "not a number": (errors(parameters="a_e2_*", half_width_mm=float("nan")), "finite number"),
     "correlation above one": (errors(parameters="a_e2_*", half_width_mm=1, correlation=1.5), "less than or equal to 1"),
@@ -53,6 +61,15 @@ BAD = {
     "missing pose file": ({"poses": {"file": "nowhere.csv"}}, "nowhere.csv"),
     "upside-down box": ({"poses": {"grid": {"box": {"x_mm": [1, 0]}}}}, "is above the upper one"),
     "no samples": ({"samples": None}, "needs samples"),
+    "more robots than a disk holds": (
+        {"samples": 10**13},
+        r"10000000000000 robots at 8 poses take 1\.\d\de\+7 GB, and the disk of .*out has .* GB; take fewer samples",
+    ),
+    "beyond all numbers": ({"samples": 10**400}, "take fewer samples or poses"),
+    "sobol beyond all points": (
+        {"study": "sobol", "samples": 2**50, "errors": [LENGTHS]},
+        "take fewer samples",
+    ),
     "samples one at a time": ({"study": "one_at_a_time"}, "takes no samples"),
     "sobol without power of two": ({"study": "sobol", "errors": [LENGTHS]}, "power of two"),
     "sobol with correlation": ({"study": "sobol", "samples": 64}, "independent errors"),

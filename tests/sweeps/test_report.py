@@ -115,19 +115,40 @@ def test_failures_are_counted_and_reported(tmp_path, capsys):
     # Random tilts of 0.15 rad: at many poses the parts do not fit together any more.
     config = write(tmp_path, errors=[{"parameters": "leg?_s2.r?", "half_width_mrad": 150}])
     assert main(["sweep", str(config), "--out", str(tmp_path / "out")]) == 0
-    assert "without a solution, kept with their status" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "without a solution, kept with their status" in out and "never" not in out
     status = open_results(tmp_path / "out").status.values
     figures = json.loads((tmp_path / "out/summary.json").read_text())["summary"]
     assert sum(figures["status"].values()) == status.size
     assert figures["status"]["ok"] == (status == 0).sum() < status.size
     assert figures["share_within"] < (status == 0).mean() + 1e-12
+    assert f"of the {(status == 0).sum()} of {status.size} cases that closed, there by no more than" in out
 
 
-def test_nothing_but_failures_still_gives_a_report(tmp_path, capsys):
-    config = write(tmp_path, samples=3, errors=[{"parameters": "leg?_s?.r?", "half_width_mrad": 2000}])
-    assert main(["sweep", str(config), "--out", str(tmp_path / "out"), "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)["summary"]
-    assert "ok" not in figures["status"] and figures["quantiles_mm"]["0.5"] is None and figures["share_within"] == 0.0
+def test_nothing_but_failures_still_gives_a_report_and_ends_without_a_solution(tmp_path, capsys):
+    config, out = write(tmp_path, samples=3, errors=[{"parameters": "leg?_s?.r?", "half_width_mrad": 2000}]), tmp_path
+    assert main(["sweep", str(config), "--out", str(out / "one"), "--json"]) == 3
+    told = capsys.readouterr()
+    figures = json.loads(told.out)["summary"]
+    assert "ok" not in figures["status"] and figures["share_within"] == 0.0
+    unknown = {"largest_mm", "largest_mrad", "worst_pose", "largest_gap_mm", "largest_gap_mrad"}
+    assert [figures[name] for name in unknown] == [None] * 5
+    assert {*figures["rms_mm"].values(), *figures["quantiles_mm"].values()} == {None}
+    assert told.err.count("\n") == 1 and "none of the 24 cases closes" in told.err
+    assert main(["sweep", str(config), "--out", str(out / "two")]) == 3
+    told = capsys.readouterr().out
+    assert "3 robots at 8 poses: none of the 24 cases closes" in told and "0.000 mm" not in told
+    assert len(list((out / "two").iterdir())) == 5
+
+
+def test_an_error_with_which_no_robot_closes_matters_most_and_has_no_largest(make_plan, tmp_path):
+    wide = {"parameters": "leg1_s1.tx", "half_width_mm": 1e9}
+    errors = [{"parameters": "leg2_s1.t?", "half_width_mm": 0.1}, wide]
+    outcome = report(run_sweep(make_plan(study="one_at_a_time", samples=None, errors=errors), tmp_path))
+    first = outcome.ranking[0]
+    assert first.name == "leg1_s1.tx" and first.figures["largest_mm"] is None and first.figures["failed"] == 8
+    assert outcome.summary.figures()["largest_mm"] > 0.0 and "in the 24 of 32 cases that closed" in outcome.headline
+    assert "nan" not in outcome.save()[1].read_text()
 
 
 def test_the_command_prints_tables_and_writes_its_files(tmp_path, capsys):

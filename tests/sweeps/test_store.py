@@ -41,6 +41,15 @@ def refused(config, out, pattern, capsys, *options):
     assert snapshot(out) == before
 
 
+def test_what_is_too_large_is_refused_before_older_results_are_taken_away(copy, tmp_path, capsys, monkeypatch):
+    _, out = copy
+    large = write(tmp_path, "large.yaml", samples=10**12)
+    refused(large, out, "1000000000000 robots at 8 poses take", capsys, "--overwrite")
+    usage = shutil.disk_usage(out)._replace(total=10**18)
+    monkeypatch.setattr("pouring_robot.sweeps.store.shutil.disk_usage", lambda _: usage)
+    refused(large, out, "of memory, and this machine has", capsys, "--overwrite")
+
+
 def test_arrays_are_labelled_and_carry_units(finished, plan):
     data = open_results(finished[1])
     assert data.displacement.dims == ("sample", "pose", "frame", "axis")
@@ -231,7 +240,9 @@ def small_disk(tmp_path):
 
 
 def test_a_really_full_disk(tmp_path, capsys, small_disk):
-    config, out = write(tmp_path, samples=400, chunk=200), small_disk / "out"
+    out = small_disk / "out"
+    refused(write(tmp_path, samples=400), out, "the disk of", capsys)
+    config = write(tmp_path, samples=160, chunk=80)
     assert main(["sweep", str(config), "--out", str(out)]) == 2
     err = capsys.readouterr().err
     assert "no space left on the device; the finished chunks are kept" in err and err.count("\n") == 1

@@ -45,10 +45,13 @@ class SweepReport(Result):
     @property
     def headline(self) -> str:
         """How far the ladle is off, which share is within the requirement, and the error that matters most."""
-        figures = self.summary.figures()
+        summary, figures = self.summary, self.summary.figures()
+        if not summary.closed:
+            return _first_line(self)
+        of = f", in the {summary.closed} of {summary.samples} cases that closed" if summary.failed else ""
         return (
             f"{figures['frame']} is {self.store.plan.off} by at most {figures['largest_mm']:.3f} mm at "
-            f"{figures['poses']} poses, "
+            f"{figures['poses']} poses{of}, "
             f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
         )
 
@@ -112,18 +115,11 @@ def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
 
 def summary_lines(found: SweepReport) -> list[str]:
     """Return how far the tool is off, which share is within the requirement, and what had no solution."""
-    figures = found.summary.figures()
-    quantiles = ", ".join(
-        f"{v:.3f} mm in {100 * float(k):g} %" for k, v in figures["quantiles_mm"].items() if v is not None
-    )
-    plan = found.store.plan
-    what = "errors alone" if plan.config.study == "one_at_a_time" else "robots"
+    plan, figures = found.store.plan, found.summary.figures()
     lines = [
-        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is {plan.off} by up to "
-        f"{quantiles} of them, never by more than {figures['largest_mm']:.3f} mm "
-        f"and {figures['largest_mrad']:.3f} mrad",
+        _first_line(found),
         f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
-        f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose",
+        f"{figures['share_of_robots_within_everywhere']:.2%} of the {_robots(plan)} at every pose",
     ]
     if plan.config.model is not None:
         own = f"up to {plan.own_error_m / MM:.3f} mm at these poses"
@@ -136,12 +132,31 @@ def summary_lines(found: SweepReport) -> list[str]:
     return lines
 
 
+def _first_line(found: SweepReport) -> str:
+    """Return how far the tool is off where robots closed, or that none did."""
+    plan, summary, figures = found.store.plan, found.summary, found.summary.figures()
+    study = f"{figures['robots']} {_robots(plan)} at {figures['poses']} poses"
+    if not summary.closed:
+        unknown = f"how far {summary.frame} is {plan.off} is not known"
+        return f"{study}: none of the {summary.samples} cases closes, so {unknown}; make the errors smaller"
+    quantiles = ", ".join(f"{v:.3f} mm in {100 * float(k):g} %" for k, v in figures["quantiles_mm"].items())
+    of = "them, never by more than"
+    if summary.failed:
+        of = f"the {summary.closed} of {summary.samples} cases that closed, there by no more than"
+    largest = f"{figures['largest_mm']:.3f} mm and {figures['largest_mrad']:.3f} mrad"
+    return f"{study}: {summary.frame} is {plan.off} by up to {quantiles} of {of} {largest}"
+
+
+def _robots(plan: SweepPlan) -> str:
+    return "errors alone" if plan.config.study == "one_at_a_time" else "robots"
+
+
 def ranking_table(found: SweepReport) -> Table:
     """Return the tolerances, the one that matters most first."""
     head = [name.replace("_", " ") for name in ("parameter", "part", "tolerance", *found.ranking[0].figures)]
     rows = []
     for p in found.ranking:
-        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
+        cells = (f"{v:.4g}" if isinstance(v, float) else "" if v is None else str(v) for v in p.figures.values())
         rows.append([p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells])
     return Table(head, rows)
 

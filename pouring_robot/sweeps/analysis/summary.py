@@ -26,6 +26,7 @@ SHARES = (0.5, 0.95, 0.9973)
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
 _RESAMPLES = 100
 _READ_AT_ONCE = 4_000_000  # numbers, 32 MB
+_OF_THE_CLOSED = ("largest_mm", "largest_mrad", "worst_pose", "largest_gap_mm", "largest_gap_mrad")
 
 
 class Distances:
@@ -68,6 +69,11 @@ class Moments:
         self.largest_rad[rows] = np.maximum(self.largest_rad[rows], part.angle_rad.max(axis=axis))
 
     @property
+    def largest(self) -> FloatArray:
+        """Largest distance in m and largest rotation in rad, shape (2, n); NaN without samples."""
+        return np.where(self.count, (self.largest_m, self.largest_rad), np.nan)
+
+    @property
     def mean_m(self) -> FloatArray:
         """Mean distance, shape (n,); NaN without samples."""
         return self.sum_m / np.where(self.count, self.count, np.nan)
@@ -106,21 +112,31 @@ class Summary:
     @property
     def failed(self) -> int:
         """Number of samples without a solution."""
-        return sum(count for name, count in self.status.items() if name != STATUS_NAMES[0])
+        return self.samples - self.closed
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in all."""
+        return sum(self.status.values())
+
+    @property
+    def closed(self) -> int:
+        """Number of samples with a solution."""
+        return self.status.get(STATUS_NAMES[0], 0)
 
     @property
     def share_within(self) -> float:
         """Share of all samples within the requirement; those without a solution are not within."""
-        return float(self.by_pose.within.sum()) / sum(self.status.values())
+        return float(self.by_pose.within.sum()) / self.samples
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures for people and JSON: mm, mrad."""
-        rms = np.sqrt(np.nansum(self.by_pose.squares_m2, axis=0) / max(1.0, self.by_pose.count.sum()))
+        """Return the figures for people and JSON: mm, mrad; what nobody knows where no robot closed is None."""
+        rms = np.sqrt(np.nansum(self.by_pose.squares_m2, axis=0) / max(1, self.closed))
         worst = int(np.argmax(self.by_pose.largest_m))
         largest = float(self.by_pose.largest_m[worst])
         poses, robots = len(self.by_pose.count), len(self.by_sample.count)
         quantiles = {str(share): min(self.distances.quantile(share), largest) / MM for share in SHARES}
-        return {
+        figures = {
             "frame": self.frame,
             "robots": robots,
             "poses": poses,
@@ -136,6 +152,7 @@ class Summary:
             "largest_gap_mm": self.largest_gap_m / MM,
             "largest_gap_mrad": self.largest_gap_rad / MRAD,
         }
+        return figures if self.closed else figures | dict.fromkeys(_OF_THE_CLOSED) | {"rms_mm": dict.fromkeys(AXES)}
 
 
 def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:

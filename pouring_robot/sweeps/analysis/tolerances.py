@@ -18,6 +18,7 @@ alike until the share of the robots whose *distance* (three coordinates, not one
 Cutting planes that do not settle, and poses at which the robot does not close, raise NoSolutionError.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -188,7 +189,7 @@ class RankedParameter:
     part: str
     tolerance: float  # largest error, in that unit
     # what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter (monte_carlo),
-    # the total index (sobol)
+    # the total index (sobol); infinite where the robot closes at no pose
     weight: float
     figures: dict[str, Any]  # all measures by name
 
@@ -204,7 +205,8 @@ def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None)
     for k, (p, margin) in enumerate(zip(plan.parameters, plan.draws.margins, strict=True)):
         unit, factor = ("mm", MM) if p.unit == "m" else ("mrad", MRAD)
         figures = without_nan({name: values[k].item() for name, values in columns.items()})
-        ranked.append(RankedParameter(p.name, unit, p.part, margin.tolerance / factor, figures[by], figures))
+        weight = math.inf if figures[by] is None else figures[by]
+        ranked.append(RankedParameter(p.name, unit, p.part, margin.tolerance / factor, weight, figures))
     return sorted(ranked, key=lambda r: -r.weight)
 
 
@@ -214,15 +216,16 @@ def _measures(
     """Return what the ranking goes by, and all measures by name, (parameters,) each."""
 
     def main_axis(strength: FloatArray) -> NDArray[np.str_]:
-        return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
+        return np.where(np.isnan(strength).any(axis=1), "", np.array(AXES)[np.nan_to_num(strength).argmax(axis=1)])
 
     if plan.config.study == "one_at_a_time":
         rows = summary.by_sample
+        largest_m, largest_rad = rows.largest
         return "largest_mm", {
-            "largest_mm": rows.largest_m / MM,
+            "largest_mm": largest_m / MM,
             "mean_mm": rows.mean_m / MM,
             "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
-            "largest_mrad": rows.largest_rad / MRAD,
+            "largest_mrad": largest_rad / MRAD,
             "main_axis": main_axis(rows.rms_m),
             "failed": len(plan.poses) - rows.count.astype(int),
         }
