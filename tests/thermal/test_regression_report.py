@@ -92,6 +92,10 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
     np.testing.assert_allclose(found.values, [[1e-3, 0.25], [2e-3, 0.5]])
     with pytest.raises(TableError, match="no row for the sets C"):
         read_positions(file, ("A", "C"))
+    with file.open("a", encoding="utf-8") as stream:
+        stream.write("\nB,3,10,0.5\n")
+    with pytest.raises(TableError, match="set B stands more than once, in lines 2, 5; keep one"):
+        read_positions(file, ("A", "B"))
 
 
 def test_drives_of_another_robot(tmp_path, capsys):

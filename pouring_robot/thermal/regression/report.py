@@ -227,10 +227,14 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
     if "set" not in table.headings:
         raise table.heading_fault("one column must be 'set', with the names of the error sets")
     table.refuse_doubled()
-    rows = {name: k for k, name in enumerate(table.labels(table.headings.index("set")))}
-    missing = [name for name in names if name not in rows]
+    labels = table.labels(table.headings.index("set"))
+    missing = [name for name in names if name not in labels]
     if missing:
         raise TableError(path, f"has no row for the sets {', '.join(missing)}")
+    for name in names:
+        lines = [str(line) for line, label in zip(table.lines, labels, strict=True) if label == name]
+        if len(lines) > 1:
+            raise TableError(path, f"set {name} stands more than once, in lines {', '.join(lines)}; keep one")
     inputs, units, columns = [], [], []
     for k, heading in enumerate(table.headings):
         if heading == "set":
@@ -241,7 +245,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         inputs.append(name)
         units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
-    values = np.column_stack(columns)[[rows[name] for name in names]]
+    values = np.column_stack(columns)[[labels.index(name) for name in names]]
     varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
     return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied])
 
