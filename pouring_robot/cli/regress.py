@@ -25,7 +25,9 @@ Similarity = Literal["absolute", "shifted"]
 def regress(
     table: TableFile,
     poses: PosesFile = None,
-    axis: Annotated[Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm ….")] = None,
+    axis: Annotated[
+        Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm …; of P1_x_mm …, the only one wanted.")
+    ] = None,
     method: Method = None,
     groups: Annotated[int, options.opt("Groups that the clustering cuts.", min=1)] = 2,
     cut: Annotated[float | None, options.opt("Cut there instead.", "--lambda", metavar="L")] = None,

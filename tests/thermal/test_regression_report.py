@@ -84,6 +84,21 @@ def test_a_table_that_says_no_direction(measured, tmp_path):
         by_axis(mixed)
 
 
+def test_one_direction_of_several(measured):
+    both = measured[0].select([name for name in measured[0].names if not name.endswith("_z")])
+    assert list(regress(both, axis="y").axes) == ["y"]
+    assert by_axis(both, "y")["y"].errors.tolist() == by_axis(both)["y"].errors.tolist()
+    with pytest.raises(TableError, match="holds no direction z, its sets say x, y; give --axis one of these"):
+        regress(both, axis="z")
+
+
+def test_more_groups_than_sets_are_refused(measured):
+    with pytest.raises(TableError, match="10 sets make no 11 groups; give --groups 10 or fewer"):
+        regress(measured[0], axis="x", n_clusters=11)
+    assert len(regress(measured[0], axis="x", n_clusters=10).axes["x"].sensitive) == 10
+    assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
+
+
 def test_positions_are_read_in_the_tables_order(tmp_path):
     file = tmp_path / "poses.csv"
     file.write_text("set,x_mm,tilt_deg,q1_rad\nB,2,10,0.5\nA,1,10,0.25\n", encoding="utf-8")

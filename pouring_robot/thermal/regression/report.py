@@ -48,6 +48,9 @@ class AxisRegression:
     @classmethod
     def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
+        count, groups = len(table.names), selector.get("n_clusters", 1)
+        if groups > count and selector.get("lambda_cut") is None:
+            raise TableError(table.source, f"{count} sets make no {groups} groups; give --groups {count} or fewer")
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)
         lines = fit_lines(table, positions, **selector)
@@ -192,9 +195,10 @@ def regress(
     """Regress a table on temperature, direction by direction.
 
     The sets are named ``P1_x`` … where the table holds several directions; ``axis`` is that of a table whose names do
-    not say it. ``positions``: where the sets were measured, one row a set in the table's order (of each direction);
-    ``method``: of :data:`METHODS`, by default the one that leaves least of sets left out; one that is not known or
-    needs positions raises BadInputError. ``selector``: settings of :class:`SensitiveSetSelector`.
+    not say it; of one whose names do, it alone is taken. ``positions``: where the sets were measured, one row a set in
+    the table's order (of each direction); ``method``: of :data:`METHODS`, by default the one that leaves least of sets
+    left out; one that is not known or needs positions raises BadInputError. ``selector``: settings of
+    :class:`SensitiveSetSelector`; more groups than sets raise TableError.
     """
     if method is not None and method not in METHODS:
         raise BadInputError(f"method '{method}' is not known; give one of {', '.join(METHODS)}")
@@ -205,14 +209,21 @@ def regress(
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
-    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y."""
+    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
+
+    ``axis``: the direction of a table whose names say none, or the only one wanted of those they say. Names that do not
+    go together, or not with ``axis``, raise TableError.
+    """
     said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
     if not said:
         return {axis: table}
     if len(said) < len(table.names):
         raise TableError(table.source, "some sets name a direction (P1_x) and others do not; name all or none")
+    if axis and axis not in said.values():
+        there = ", ".join(dict.fromkeys(said.values()))
+        raise TableError(table.source, f"holds no direction {axis}, its sets say {there}; give --axis one of these")
     parts = {}
-    for a in dict.fromkeys(said.values()):
+    for a in [axis] if axis else dict.fromkeys(said.values()):
         own = table.select([name for name in table.names if said[name] == a])
         names = tuple(name.removesuffix(f"_{a}") for name in own.names)
         parts[a] = ErrorTable(own.temperatures_K, own.errors, names, own.kind, own.source)
