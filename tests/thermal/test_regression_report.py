@@ -130,8 +130,10 @@ def test_drives_of_another_robot(tmp_path, capsys):
     files = [str(tmp_path / name) for name in ("t.csv", "p.csv", "m.yaml")]
     page = tmp_path / "report.html"
     assert main(["regress", files[0], "--poses", files[1], "--out", files[2], "--report", str(page)]) == 0
-    assert page.read_text(encoding="utf-8").count("<table>") == 6 and "<svg" in page.read_text(encoding="utf-8")
-    assert "(22) P_end" in capsys.readouterr().out
+    html = page.read_text(encoding="utf-8")
+    assert html.count("<table>") == 6 and "<svg" in html and "VIF against those chosen before" in html
+    out = capsys.readouterr().out
+    assert "(22) P_end" in out and "VIF against those chosen before" in out
     model = ThermalModel.load(files[2])
     assert model.inputs == ("q1", "q2", "q3")
     assert main(["regress", files[0], "--method", "pose"]) == 2

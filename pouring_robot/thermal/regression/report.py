@@ -292,7 +292,7 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
     return [
         Heading(f"direction {direction}" if direction else "errors"),
         Lines([f"groups {parts} for λ above {low:.5f}, up to {high:.5f}"]),
-        Table(("set", "grey degree", "VIF", ""), degrees),
+        Table(("set", "grey degree", "VIF against those chosen before", ""), degrees),
         Lines([f"eigenvalues {values}; the first carries {regression.cumulative_[0]:.2%}", *one.formulas()]),
         Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), left),
     ]
