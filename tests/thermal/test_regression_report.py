@@ -58,6 +58,9 @@ def test_formulas_are_those_of_the_models(measured):
 def test_the_file_says_what_the_line_says(measured, tmp_path):
     table, places = measured
     found = regress(table, places)
+    assert not found.foreign_inputs
+    turned = Positions(("x", "y", "tilt"), ("m", "rad", "rad"), places.values)
+    assert regress(table, turned).foreign_inputs == ["y (rad)"]
     path = found.model().save(tmp_path / "heat.yaml")
     model = ThermalModel.load(path)
     at = dict(zip("xyz", places.values[4], strict=True))
@@ -132,7 +135,8 @@ def test_drives_of_another_robot(tmp_path, capsys):
     assert main(["regress", files[0], "--poses", files[1], "--out", files[2], "--report", str(page)]) == 0
     html = page.read_text(encoding="utf-8")
     assert html.count("<table>") == 6 and "<svg" in html and "VIF against those chosen before" in html
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
+    assert err.startswith("note: pose and compensate cannot take ") and "depends on q1 (rad), q2 (rad), q3 (rad)" in err
     assert "(22) P_end" in out and "VIF against those chosen before" in out
     model = ThermalModel.load(files[2])
     assert model.inputs == ("q1", "q2", "q3")

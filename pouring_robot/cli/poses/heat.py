@@ -38,7 +38,9 @@ class ThermalLaw:
 
     def moves_m(self, pose: PlatformPose) -> FloatArray:
         """Return what heat adds to the platform's position at a commanded pose, shape (3,), in m."""
-        inputs = dict(zip("xyz", pose.position_m, strict=True)) | {"tilt": pose.tilt_rad}
+        from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS
+
+        inputs = dict(zip(POSE_INPUTS, (*pose.position_m, pose.tilt_rad), strict=True))
         return self.model.displacement_m(self.melt_degC, inputs)
 
     @property
@@ -77,12 +79,18 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
         return None
     if cold:
         raise BadInputError("--cold leaves heat out, and --thermal-model says what heat adds; give one of the two")
-    from pouring_robot.thermal.regression.thermal_model import ThermalModel
+    from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS, ThermalModel
 
+    model = ThermalModel.load(path)
+    if foreign := [name for name in model.inputs if name not in POSE_INPUTS]:
+        raise BadInputError(
+            f"{path} depends on {', '.join(foreign)}, and a pose gives {', '.join(POSE_INPUTS)}; "
+            "regress anew with these in --poses, or without --poses"
+        )
     with_melt(robot)
     same = heat or HeatSection()
     melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
-    return ThermalLaw(ThermalModel.load(path), melt, same)
+    return ThermalLaw(model, melt, same)
 
 
 @dataclass(frozen=True, eq=False)

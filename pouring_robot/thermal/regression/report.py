@@ -31,7 +31,15 @@ from pouring_robot.thermal.regression.methods import (
 )
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
+from pouring_robot.thermal.regression.thermal_model import (
+    AXES,
+    POSE_INPUTS,
+    AxisModel,
+    ErrorLine,
+    Positions,
+    Remains,
+    ThermalModel,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +167,12 @@ class RegressionReport(Result):
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
         return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
+
+    @property
+    def foreign_inputs(self) -> list[str]:
+        """What a thermal model of it would depend on and no pose of the pouring robot has, each with its unit."""
+        places = zip(self.positions.names, self.positions.units, strict=True) if self.positions else ()
+        return [f"{name} ({unit})" for name, unit in places if POSE_INPUTS.get(name) != unit]
 
     def model(self) -> ThermalModel:
         """Return what a thermal-model file holds.

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from pouring_robot.thermal.regression.table import ErrorTable
 
 AXES = ("x", "y", "z")
+POSE_INPUTS = {"x": "m", "y": "m", "z": "m", "tilt": "rad"}
+"""Inputs that a pose of the pouring robot has, and their units; a model over others is for Python alone."""
 
 
 @dataclass(frozen=True, eq=False)
