@@ -95,6 +95,21 @@ def test_one_direction_of_several(measured):
         regress(both, axis="z")
 
 
+@pytest.mark.parametrize(
+    ("sets", "with_places", "words"),
+    [
+        (1, False, r"\(1\) to leave out each in turn; give 3 or more$"),
+        (2, True, r"\(2\) to leave out each in turn and fit a line over x, y, z; give 6 or more$"),
+        (5, True, r"\(5\) to leave out each in turn and fit a line over x, y, z; give 6 or more, or no --poses$"),
+    ],
+)
+def test_too_few_sets_are_refused_with_the_number_that_is_enough(measured, sets, with_places, words):
+    table = by_axis(measured[0])["x"]
+    with pytest.raises(TableError, match=words):
+        regress(table.select(table.names[:sets]), measured[1].rows(range(sets)) if with_places else None)
+    assert regress(table.select(table.names[:6]), measured[1].rows(range(6)))
+
+
 def test_more_groups_than_sets_are_refused(measured):
     with pytest.raises(TableError, match="10 sets make no 11 groups; give --groups 10 or fewer"):
         regress(measured[0], axis="x", n_clusters=11)

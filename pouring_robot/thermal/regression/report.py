@@ -56,6 +56,7 @@ class AxisRegression:
     @classmethod
     def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
+        judged = left_out(table, positions, **selector)  # refuses too few sets before anything is fitted to them
         count, groups = len(table.names), selector.get("n_clusters", 1)
         if groups > count and selector.get("lambda_cut") is None:
             raise TableError(table.source, f"{count} sets make no {groups} groups; give --groups {count} or fewer")
@@ -63,7 +64,7 @@ class AxisRegression:
         model = paper.fit(table.temperature_column, table.errors)
         lines = fit_lines(table, positions, **selector)
         # With a set left out there may be more groups than with all; those have no single set to stand for them.
-        unseen = {name: left for name, left in left_out(table, positions, **selector).items() if name in lines}
+        unseen = {name: left for name, left in judged.items() if name in lines}
         if method is not None and method not in lines:
             raise BadInputError(f"method '{method}' needs the poses of the sets: --poses FILE")
         best = method or min((name for name in METHODS if name in lines), key=lambda name: unseen[name].rms)
