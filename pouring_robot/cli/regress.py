@@ -13,7 +13,8 @@ TableFile = Annotated[
     ),
 ]
 PosesFile = Annotated[
-    Path | None, options.reads("Where: columns set, x_mm y_mm z_mm (or drives of any robot).", "FILE.csv")
+    Path | None,
+    options.reads("Where: columns set, x_mm y_mm z_mm tilt_deg (or, for the report, drives of any robot).", "FILE.csv"),
 ]
 Method = Annotated[
     Literal["none", "paper", "components", "mean", "pose"] | None,
@@ -25,7 +26,9 @@ Similarity = Literal["absolute", "shifted"]
 def regress(
     table: TableFile,
     poses: PosesFile = None,
-    axis: Annotated[Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm ….")] = None,
+    axis: Annotated[
+        Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm …; of P1_x_mm …, the only one wanted.")
+    ] = None,
     method: Method = None,
     groups: Annotated[int, options.opt("Groups that the clustering cuts.", min=1)] = 2,
     cut: Annotated[float | None, options.opt("Cut there instead.", "--lambda", metavar="L")] = None,
@@ -53,6 +56,11 @@ def regress(
     selector = {"n_clusters": groups, "lambda_cut": cut, "similarity": similarity}
     found = regressed(errors, positions, axis=axis or "", method=method, **selector)
     written = [found.model().save(out)] if out is not None else []
+    if out is not None and found.foreign_inputs:
+        options.note(
+            f"pose and compensate cannot take {out}: it depends on {', '.join(found.foreign_inputs)}, and they give "
+            "x, y, z (m) and tilt (rad) of the pouring robot; name these in --poses, or leave it out"
+        )
     if report is not None:
         written.append(write_whole(report, pages.html_report(found)))
     if as_json:

@@ -488,3 +488,7 @@ def test_a_thermal_model_that_does_not_fit_is_refused(run, thermal_model):
     code, _, err = run("pose", *AT, "--thermal-model", str(thermal_model))
     assert code == 2 and "centre needs one number" in err
     assert run("pose", *AT, "--thermal-model", "/nowhere.yaml")[0] == 2
+    thermal_model.write_text(thermal_model.read_text().replace("centre: []", "centre: [0.5]"), encoding="utf-8")
+    for command in ("pose", "compensate"):
+        code, out, err = run(command, *AT, "--thermal-model", str(thermal_model))
+        assert (code, out) == (2, "") and "depends on q1, and a pose gives x, y, z, tilt; regress anew" in err

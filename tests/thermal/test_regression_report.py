@@ -60,6 +60,9 @@ def test_formulas_are_those_of_the_models(measured):
 def test_the_file_says_what_the_line_says(measured, tmp_path):
     table, places = measured
     found = regress(table, places)
+    assert not found.foreign_inputs
+    turned = Positions(("x", "y", "tilt"), ("m", "rad", "rad"), places.values)
+    assert regress(table, turned).foreign_inputs == ["y (rad)"]
     path = found.model().save(tmp_path / "heat.yaml")
     model = ThermalModel.load(path)
     at = dict(zip("xyz", places.values[4], strict=True))
@@ -86,6 +89,36 @@ def test_a_table_that_says_no_direction(measured, tmp_path):
         by_axis(mixed)
 
 
+def test_one_direction_of_several(measured):
+    both = measured[0].select([name for name in measured[0].names if not name.endswith("_z")])
+    assert list(regress(both, axis="y").axes) == ["y"]
+    assert by_axis(both, "y")["y"].errors.tolist() == by_axis(both)["y"].errors.tolist()
+    with pytest.raises(TableError, match="holds no direction z, its sets say x, y; give --axis one of these"):
+        regress(both, axis="z")
+
+
+@pytest.mark.parametrize(
+    ("sets", "with_places", "words"),
+    [
+        (1, False, r"\(1\) to leave out each in turn; give 3 or more$"),
+        (2, True, r"\(2\) to leave out each in turn and fit a line over x, y, z; give 6 or more$"),
+        (5, True, r"\(5\) to leave out each in turn and fit a line over x, y, z; give 6 or more, or no --poses$"),
+    ],
+)
+def test_too_few_sets_are_refused_with_the_number_that_is_enough(measured, sets, with_places, words):
+    table = by_axis(measured[0])["x"]
+    with pytest.raises(TableError, match=words):
+        regress(table.select(table.names[:sets]), measured[1].rows(range(sets)) if with_places else None)
+    assert regress(table.select(table.names[:6]), measured[1].rows(range(6)))
+
+
+def test_more_groups_than_sets_are_refused(measured):
+    with pytest.raises(TableError, match="10 sets make no 11 groups; give --groups 10 or fewer"):
+        regress(measured[0], axis="x", n_clusters=11)
+    assert len(regress(measured[0], axis="x", n_clusters=10).axes["x"].sensitive) == 10
+    assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
+
+
 def test_positions_are_read_in_the_tables_order(tmp_path):
     file = tmp_path / "poses.csv"
     file.write_text("set,x_mm,tilt_deg,q1_rad\nB,2,10,0.5\nA,1,10,0.25\n", encoding="utf-8")
@@ -95,6 +128,10 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
     assert found.ranges == {"x": (1e-3, 2e-3), "tilt": (np.radians(10.0),) * 2, "q1": (0.25, 0.5)}
     with pytest.raises(TableError, match="no row for the sets C"):
         read_positions(file, ("A", "C"))
+    with file.open("a", encoding="utf-8") as stream:
+        stream.write("\nB,3,10,0.5\n")
+    with pytest.raises(TableError, match="set B stands more than once, in lines 2, 5; keep one"):
+        read_positions(file, ("A", "B"))
 
 
 def test_a_pose_beyond_those_of_the_sets_is_told(measured):
@@ -123,8 +160,11 @@ def test_drives_of_another_robot(tmp_path, capsys):
     files = [str(tmp_path / name) for name in ("t.csv", "p.csv", "m.yaml")]
     page = tmp_path / "report.html"
     assert main(["regress", files[0], "--poses", files[1], "--out", files[2], "--report", str(page)]) == 0
-    assert page.read_text(encoding="utf-8").count("<table>") == 6 and "<svg" in page.read_text(encoding="utf-8")
-    assert "(22) P_end" in capsys.readouterr().out
+    html = page.read_text(encoding="utf-8")
+    assert html.count("<table>") == 6 and "<svg" in html and "VIF against those chosen before" in html
+    out, err = capsys.readouterr()
+    assert err.startswith("note: pose and compensate cannot take ") and "depends on q1 (rad), q2 (rad), q3 (rad)" in err
+    assert "(22) P_end" in out and "VIF against those chosen before" in out
     model = ThermalModel.load(files[2])
     assert model.inputs == ("q1", "q2", "q3")
     assert main(["regress", files[0], "--method", "pose"]) == 2

@@ -73,7 +73,9 @@ class ThermalLaw:
 
 
 def _inputs(pose: PlatformPose) -> dict[str, float]:
-    return dict(zip("xyz", pose.position_m, strict=True)) | {"tilt": pose.tilt_rad}
+    from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS
+
+    return dict(zip(POSE_INPUTS, (*pose.position_m, pose.tilt_rad), strict=True))
 
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, cold: bool) -> ThermalLaw | None:
@@ -82,12 +84,18 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
         return None
     if cold:
         raise BadInputError("--cold leaves heat out, and --thermal-model says what heat adds; give one of the two")
-    from pouring_robot.thermal.regression.thermal_model import ThermalModel
+    from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS, ThermalModel
 
+    model = ThermalModel.load(path)
+    if foreign := [name for name in model.inputs if name not in POSE_INPUTS]:
+        raise BadInputError(
+            f"{path} depends on {', '.join(foreign)}, and a pose gives {', '.join(POSE_INPUTS)}; "
+            "regress anew with these in --poses, or without --poses"
+        )
     with_melt(robot)
     same = heat or HeatSection()
     melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
-    return ThermalLaw(ThermalModel.load(path), melt, same)
+    return ThermalLaw(model, melt, same)
 
 
 @dataclass(frozen=True, eq=False)

@@ -201,7 +201,7 @@ def refuse_conditional(robot: Robot, option: str) -> None:
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
     for line in model.left_out("this command", str(file), warm=warm, under=under):
-        _note(line)
+        note(line)
 
 
 def say_unused(path: Path, headings: Iterable[str]) -> None:
@@ -209,10 +209,11 @@ def say_unused(path: Path, headings: Iterable[str]) -> None:
     names = ", ".join(headings)
     if names:
         warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
-        _note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
+        note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
 
 
-def _note(line: str) -> None:
+def note(line: str) -> None:
+    """Print a note on standard error, unless nothing but errors and JSON is to be printed."""
     if not QUIET.get():
         print(f"note: {line}", file=sys.stderr)
 

@@ -72,9 +72,13 @@ def judge(lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positio
 
 def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, Remains]:
     """Return what each method leaves of sets that it has not seen: each set is left out once."""
-    count = len(table.names)
-    if count < 3:
-        raise TableError(table.source, f"{count} sets are too few to leave one out; give 3 or more")
+    count, inputs = len(table.names), positions.names if positions is not None else ()
+    if count < 3 + len(inputs):
+        raise TableError(
+            table.source,
+            f"has too few error sets ({count}) to leave out each in turn{' and fit a line over ' if inputs else ''}"
+            f"{', '.join(inputs)}; give {3 + len(inputs)} or more{', or no --poses' if inputs and count > 2 else ''}",
+        )
     residuals: dict[str, list[FloatArray]] = {}
     for k, name in enumerate(table.names):
         others = [i for i in range(count) if i != k]

@@ -31,7 +31,15 @@ from pouring_robot.thermal.regression.methods import (
 )
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
+from pouring_robot.thermal.regression.thermal_model import (
+    AXES,
+    POSE_INPUTS,
+    AxisModel,
+    ErrorLine,
+    Positions,
+    Remains,
+    ThermalModel,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +56,15 @@ class AxisRegression:
     @classmethod
     def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
+        judged = left_out(table, positions, **selector)  # refuses too few sets before anything is fitted to them
+        count, groups = len(table.names), selector.get("n_clusters", 1)
+        if groups > count and selector.get("lambda_cut") is None:
+            raise TableError(table.source, f"{count} sets make no {groups} groups; give --groups {count} or fewer")
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)
         lines = fit_lines(table, positions, **selector)
         # With a set left out there may be more groups than with all; those have no single set to stand for them.
-        unseen = {name: left for name, left in left_out(table, positions, **selector).items() if name in lines}
+        unseen = {name: left for name, left in judged.items() if name in lines}
         if method is not None and method not in lines:
             raise BadInputError(f"method '{method}' needs the poses of the sets: --poses FILE")
         best = method or min((name for name in METHODS if name in lines), key=lambda name: unseen[name].rms)
@@ -157,6 +169,12 @@ class RegressionReport(Result):
         """Return everything, ready for JSON."""
         return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
 
+    @property
+    def foreign_inputs(self) -> list[str]:
+        """What a thermal model of it would depend on and no pose of the pouring robot has, each with its unit."""
+        places = zip(self.positions.names, self.positions.units, strict=True) if self.positions else ()
+        return [f"{name} ({unit})" for name, unit in places if POSE_INPUTS.get(name) != unit]
+
     def model(self) -> ThermalModel:
         """Return what a thermal-model file holds.
 
@@ -193,9 +211,10 @@ def regress(
     """Regress a table on temperature, direction by direction.
 
     The sets are named ``P1_x`` … where the table holds several directions; ``axis`` is that of a table whose names do
-    not say it. ``positions``: where the sets were measured, one row a set in the table's order (of each direction);
-    ``method``: of :data:`METHODS`, by default the one that leaves least of sets left out; one that is not known or
-    needs positions raises BadInputError. ``selector``: settings of :class:`SensitiveSetSelector`.
+    not say it; of one whose names do, it alone is taken. ``positions``: where the sets were measured, one row a set in
+    the table's order (of each direction); ``method``: of :data:`METHODS`, by default the one that leaves least of sets
+    left out; one that is not known or needs positions raises BadInputError. ``selector``: settings of
+    :class:`SensitiveSetSelector`; more groups than sets raise TableError.
     """
     if method is not None and method not in METHODS:
         raise BadInputError(f"method '{method}' is not known; give one of {', '.join(METHODS)}")
@@ -206,14 +225,21 @@ def regress(
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
-    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y."""
+    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
+
+    ``axis``: the direction of a table whose names say none, or the only one wanted of those they say. Names that do not
+    go together, or not with ``axis``, raise TableError.
+    """
     said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
     if not said:
         return {axis: table}
     if len(said) < len(table.names):
         raise TableError(table.source, "some sets name a direction (P1_x) and others do not; name all or none")
+    if axis and axis not in said.values():
+        there = ", ".join(dict.fromkeys(said.values()))
+        raise TableError(table.source, f"holds no direction {axis}, its sets say {there}; give --axis one of these")
     parts = {}
-    for a in dict.fromkeys(said.values()):
+    for a in [axis] if axis else dict.fromkeys(said.values()):
         own = table.select([name for name in table.names if said[name] == a])
         names = tuple(name.removesuffix(f"_{a}") for name in own.names)
         parts[a] = ErrorTable(own.temperatures_K, own.errors, names, own.kind, own.source)
@@ -228,10 +254,14 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
     if "set" not in table.headings:
         raise table.heading_fault("one column must be 'set', with the names of the error sets")
     table.refuse_doubled()
-    rows = {name: k for k, name in enumerate(table.labels(table.headings.index("set")))}
-    missing = [name for name in names if name not in rows]
+    labels = table.labels(table.headings.index("set"))
+    missing = [name for name in names if name not in labels]
     if missing:
         raise TableError(path, f"has no row for the sets {', '.join(missing)}")
+    for name in names:
+        lines = [str(line) for line, label in zip(table.lines, labels, strict=True) if label == name]
+        if len(lines) > 1:
+            raise TableError(path, f"set {name} stands more than once, in lines {', '.join(lines)}; keep one")
     inputs, units, columns = [], [], []
     for k, heading in enumerate(table.headings):
         if heading == "set":
@@ -242,7 +272,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         inputs.append(name)
         units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
-    values = np.column_stack(columns)[[rows[name] for name in names]]
+    values = np.column_stack(columns)[[labels.index(name) for name in names]]
     varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
     ranges = {name: (float(own.min()), float(own.max())) for name, own in zip(inputs, values.T, strict=True)}
     return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied], ranges)
@@ -279,7 +309,7 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
     return [
         Heading(f"direction {direction}" if direction else "errors"),
         Lines([f"groups {parts} for λ above {low:.5f}, up to {high:.5f}"]),
-        Table(("set", "grey degree", "VIF", ""), degrees),
+        Table(("set", "grey degree", "VIF against those chosen before", ""), degrees),
         Lines([f"eigenvalues {values}; the first carries {regression.cumulative_[0]:.2%}", *one.formulas()]),
         Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), left),
     ]

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z")
 _SAME = 1e-9  # degC, m or rad: rounding
 _SHOWN = {"melt": (1.0, "degC"), **dict.fromkeys(AXES, (MM, "mm")), "tilt": (math.pi / 180.0, "deg")}
+POSE_INPUTS = {"x": "m", "y": "m", "z": "m", "tilt": "rad"}
+"""Inputs that a pose of the pouring robot has, and their units; a model over others is for Python alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ class ErrorLine:
         """Fit offset and slope over the poses by least squares; too few sets for the inputs raise TableError."""
         count, inputs = positions.values.shape
         if count < inputs + 2:
-            raise TableError(table.source, f"{count} sets are too few for {inputs} inputs; give {inputs + 2} or more")
+            raise TableError(table.source, f"a line over {inputs} inputs takes {inputs + 2} sets or more, not {count}")
         middle, centre = float(table.temperatures_K.mean()), positions.values.mean(axis=0)
         steps, about = _with_ones(table.temperatures_K - middle), _with_ones(positions.values - centre)
         rows = np.einsum("ta,kb->tkab", steps, about).reshape(table.errors.size, -1)
