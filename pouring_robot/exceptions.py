@@ -217,14 +217,15 @@ class UnreachableTargetError(NoSolutionError):
 
     Attributes:
         left: what the nearest ones leave, (6,): displacement in m and rotation vector in rad.
+        commanded: freedoms that the drives command at most; ``asked`` those of the pose.
     """
 
-    def __init__(self, left: NDArray[np.float64]) -> None:
-        self.left = left
-        away, turned = (1e3 * math.sqrt(float(part @ part)) for part in (left[:3], left[3:]))
+    def __init__(self, left: NDArray[np.float64], commanded: int, asked: int) -> None:
+        self.left, self.commanded, self.asked = left, commanded, asked
+        away, turned = (float(f"{1e3 * math.sqrt(float(part @ part)):.3g}") for part in (left[:3], left[3:]))
         super().__init__(
-            f"the pose is out of reach: the nearest that was found is {away:.3g} mm and {turned:.3g} mrad away; the "
-            "robot may not command all of its freedoms"
+            f"the pose is out of reach: the nearest that was found is {away:g} mm and {turned:g} mrad away"
+            + (f"; the robot commands {commanded} of the {asked} freedoms asked for" if commanded < asked else "")
         )
 
 

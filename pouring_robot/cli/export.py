@@ -54,4 +54,5 @@ def export(
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}
-    options.print_notes([*([note] if note else []), *mimic_notes(followers)])
+    counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
+    options.print_notes([*([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])

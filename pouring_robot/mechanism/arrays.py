@@ -5,6 +5,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pouring_robot.exceptions import BadInputError
+
 FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", bound=np.generic)
 
@@ -23,6 +25,18 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
 def grid(*axes: ArrayLike) -> FloatArray:
     """Return all combinations of values along k axes, shape (n, k), the last axis fastest."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
+    """Return numbers that a user gives as an array of a shape, None for any count, or raise BadInputError(demand)."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise BadInputError(demand) from None
+    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits or not np.isfinite(array).all():
+        raise BadInputError(demand)
+    return array
 
 
 def rms(values: FloatArray) -> float:

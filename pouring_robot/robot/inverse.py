@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.redundancy import disagreement
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
@@ -73,6 +74,8 @@ def bring(
         left = target.left(result.pose(base, frame))
         matrix = closed_chain_transfer(solver, result, parameters, frame).matrix
         step, found = _step(matrix, left, target.rotation is not None, ranks)
+        if mechanism.loops.redundant_drives:
+            step = _agreeing(step, matrix, *disagreement(solver, result, parameters))
         size = float(np.abs(step).max())
         # Round-off may end the way a little earlier.
         if settled := size < _SETTLED or (size < 100.0 * _SETTLED and size > 0.5 * before):
@@ -102,6 +105,12 @@ def _step(
         turn, turns = _inverse(scaled[3:] @ still, ranks and ranks[1])
         step -= turn @ (left[3:] + scaled[3:] @ step)
     return step / np.where(sizes > 0.0, sizes, 1.0), (placed, turns)
+
+
+def _agreeing(step: FloatArray, matrix: FloatArray, apart: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return a step of redundant drives that also takes away what they disagree by, (r,), by its slopes (r, drives)."""
+    still = np.eye(len(step)) - np.linalg.pinv(matrix, _SINGULAR) @ matrix
+    return np.asarray(step - np.linalg.pinv(slopes @ still) @ (apart + slopes @ step))
 
 
 def _inverse(matrix: FloatArray, rank: int | None) -> tuple[FloatArray, int]:

@@ -12,8 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES
-from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, finite, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.loops import LoopsFile
@@ -156,15 +155,10 @@ def error_dataset(
 
 def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
     """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
-    given: list[Any] = list(np.asarray(poses, dtype=object))
+    given: list[Any] = list(np.atleast_1d(np.asarray(poses, dtype=object)))
     rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
-    try:
-        array = np.array(rows, dtype=float) if rows else np.empty((0, 4))
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.ndim != 2 or array.shape[1] != 4 or not np.isfinite(array).all():
-        raise BadInputError("poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad")
-    return array
+    demand = "poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad"
+    return finite(rows or np.empty((0, 4)), (None, 4), demand)
 
 
 def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:

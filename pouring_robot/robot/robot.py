@@ -14,6 +14,7 @@ import copy
 import functools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachableTargetError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
@@ -47,6 +48,13 @@ if TYPE_CHECKING:
 Command = PlatformPose | Target | FloatArray | Sequence[float]
 """What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
 _MOST_TRIES = 12
+
+
+def _preferred(refusal: NoSolutionError) -> tuple[int, float]:
+    """Return a key by which refusals sort: a joint's limit first, then the nearest pose, then what does not close."""
+    if isinstance(refusal, UnreachableTargetError):
+        return 1, float(np.abs(refusal.left).max())
+    return 0 if isinstance(refusal, UnreachablePoseError) else 2, 0.0
 
 
 def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
@@ -73,6 +81,8 @@ class Robot:
         self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
+        if self.drawing.mechanism.loops.redundant_drives:
+            options = replace(options, most_disagreement_m=self.model.definition.most_disagreement_m)
         self.nominal_solver = ClosureSolver(self.drawing.mechanism, options=options)
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
 
@@ -131,9 +141,8 @@ class Robot:
             BadInputError: the array has another shape or holds a number that is not finite.
         """
         names = self.drawing.mechanism.loops.drives
-        commanded = np.asarray(drives, dtype=float)
-        if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():
-            raise BadInputError(f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}")
+        demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"
+        commanded = finite(drives, (None, len(names)), demand)
         start = self.drawing.starts(commanded)
         closed = self.close(commanded, start)
         units = [drive.unit for drive in self.model.definition.drives]
@@ -206,16 +215,17 @@ class Robot:
         """Return the drive values that a command means, (drives,), in m and rad."""
         if isinstance(command, PlatformPose):
             raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
-        return self.drives_to(command).drives if isinstance(command, Target) else np.asarray(command, dtype=float)
+        return self.drives_to(command).drives if isinstance(command, Target) else self._commanded(command)
 
     def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
         """Return where the robot should be and where it is for one command (drives,), in m and rad."""
-        mechanism = self.drawing.mechanism
-        values = np.asarray(drives, dtype=float)
-        if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
-            raise BadInputError(f"give one finite value for each drive: {', '.join(mechanism.loops.drives)}")
+        values = self._commanded(drives)
         nominal = self.close_nominal(values, self.drawing.configuration_at(values))
         return self._located(values, nominal)
+
+    def _commanded(self, drives: Sequence[float] | FloatArray) -> FloatArray:
+        names = self.drawing.mechanism.loops.drives
+        return finite(drives, (len(names),), f"give one finite value for each drive: {', '.join(names)}")
 
     def location_in_the_middle(self) -> Location:
         """Return the location at the home, or in the middle of the workspace; raises NoSolutionError."""
@@ -237,27 +247,29 @@ class Robot:
 
     def drives_to(self, target: Target) -> Reached:
         """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
-        refusal: NoSolutionError | None = None
-        nearest, fit = np.inf, self.model.definition.drawn_fit
+        refusals: list[NoSolutionError] = []
+        asked, redundant = 3 if target.rotation is None else 6, redundant_drives(self.drawing.mechanism)
         for drives, configuration in self._tries(target):
             try:
                 found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
-                size = float(np.abs(found.left).max())
-                if size >= REACHED:
-                    if size < nearest:
-                        nearest, refusal = size, UnreachableTargetError(found.left)
+                if np.abs(found.left).max() >= REACHED:
+                    refusals.append(UnreachableTargetError(found.left, len(drives) - redundant, asked))
                     continue
-                refuse_beyond(self._reach(found.drives, found.result.within(fit)))
+                refuse_beyond(self._reach(found.drives, found.result.within(self.model.definition.drawn_fit)))
             except NoSolutionError as problem:
-                refusal = problem
+                refusals.append(problem)
                 continue
-            if (count := len(drives)) > sum(found.ranks):
-                more = "; give its attitude too" if target.rotation is None else ""
+            if (count := len(drives) - redundant) > sum(found.ranks):
+                more = "give its attitude too, or " if target.rotation is None else ""
                 raise BadInputError(
-                    f"the pose determines {sum(found.ranks)} of the {count} drives{more}, or give the drive values"
+                    f"the pose determines {sum(found.ranks)} of {count} freedoms; {more}give the drive values"
                 )
             return found
-        raise refusal or NoSolutionError("the robot closes nowhere near its home")
+        best = min(refusals, key=_preferred, default=NoSolutionError("the robot closes nowhere near its home"))
+        if not isinstance(best, UnreachablePoseError | UnreachableTargetError):
+            why = str(best).partition(";")[0]  # what follows mends drive values, and nobody gave any
+            raise NoSolutionError(f"the pose is out of reach: on the way to it {why}") from best
+        raise best
 
     def _tries(self, target: Target) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield drives and configurations from which to search: home, then the workspace, the nearest first."""

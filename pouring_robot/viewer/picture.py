@@ -168,14 +168,17 @@ def _label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
         if len(tails) > 1:
             continue
         tail, tip = view.project(np.concatenate([tails, tips]))
-        right = max(float(tail[0]), float(tip[0]))
+        left, right = sorted((float(tail[0]), float(tip[0])))
         if np.isfinite(right):
+            label = f"{float(np.linalg.norm(at_step(item.vectors_m, scene.first))) * 1e3:.2f} mm"
+            font, aside = _font(round(1.1 * unit), True), 1.3 * unit
+            fits = right + aside + sheet.textlength(label, font) < view.columns
             sheet.text(
-                (right + 1.3 * unit, float(tip[1])),
-                f"{float(np.linalg.norm(at_step(item.vectors_m, scene.first))) * 1e3:.2f} mm",
-                font=_font(round(1.1 * unit), True),
+                (right + aside if fits else left - aside, float(tip[1])),
+                label,
+                font=font,
                 fill=_bytes(tuple(0.8 * value for value in item.colour)),
-                anchor="lm",
+                anchor="lm" if fits else "rm",
                 stroke_width=max(2, unit // 5),
                 stroke_fill=_WHITE,
             )

@@ -303,6 +303,33 @@ def test_a_folder_is_complete_and_its_meshes_are_the_ladle(form, crooked, tmp_pa
         assert float(row[f"{name}_{table['units'][name]}"]) == value
 
 
+def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked, tmp_path):
+    closed = ClosedRobot.of(crooked)
+    files = exported_files(closed, tmp_path, zero_here=True)
+    assert not {path.name for path in files} & {"joints.csv", "joints.json", "loops.yaml"}
+    written(closed, tmp_path)
+    for stale in ("joints.csv", "joints.json", "loops.yaml"):
+        with pytest.raises(BadInputError, match=f"{stale}: is of a tree with other zeros; delete it"):
+            exported_files(closed, tmp_path, zero_here=True)
+        (tmp_path / stale).unlink()
+    exported_files(closed, tmp_path, zero_here=True)
+
+
+@pytest.mark.parametrize(("name", "words"), [("arm", "link turret moves"), ("five_bar", "the links that 'left_elbow' moves")])
+def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
+    source = ROBOTS / name / f"{name}.urdf.xacro"
+    root = etree.fromstring(RobotModel.for_robot(source.with_name("robot.yaml")).nominal_urdf().encode())
+    for inertial in root.xpath("//link/inertial"):
+        inertial.getparent().remove(inertial)
+    (tmp_path / "bare.urdf").write_bytes(etree.tostring(root))
+    file = source.with_name("robot.yaml").read_text(encoding="utf-8")
+    file = file.replace(f"xacro: {source.name}", "urdf: bare.urdf")
+    (tmp_path / "robot.yaml").write_text(file, encoding="utf-8")
+    closed = ClosedRobot.of(RobotModel.for_robot(tmp_path / "robot.yaml"))
+    with pytest.raises(DescriptionError, match=words):
+        exported_files(closed, tmp_path / "out", "mjcf")
+
+
 def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
     closed = ClosedRobot.of(crooked)
     for form, loops in (("sdf", "joint"), ("drake", "{http://drake.mit.edu}linear_bushing_rpy")):

@@ -4,13 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.exceptions import BadInputError, UnreachableTargetError
+from pouring_robot.exceptions import BadInputError, ClosureError, NoSolutionError, UnreachableTargetError
 from pouring_robot.robot.inverse import REACHED, Target
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import NAMES, ROBOTS
 from tests.support import ROOT
 
 PLACED_ONLY = ("delta", "five_bar")
+HANGPRINTER = Robot.load(ROOT / "examples" / "machines" / "hangprinter" / "robot.yaml")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -33,17 +34,48 @@ def test_reachable_targets_are_met(name):
 
 def test_a_place_alone_does_not_determine_an_arm():
     arm = Robot.load(ROBOTS / "arm" / "robot.yaml")
-    with pytest.raises(BadInputError, match="determines 3 of the 6 drives; give its attitude too"):
+    with pytest.raises(BadInputError, match="determines 3 of 6 freedoms; give its attitude too"):
         arm.location_to(Target(np.array([0.5, 0.1, 0.7])))
 
 
 def test_what_the_drives_do_not_command_is_out_of_reach():
     bar = Robot.load(ROBOTS / "five_bar" / "robot.yaml")
-    with pytest.raises(UnreachableTargetError, match="the nearest that was found is 50 mm"):
+    with pytest.raises(UnreachableTargetError, match="50 mm and 0 mrad away; the robot commands 2 of the 3 freedoms"):
         bar.location_to(Target(np.array([0.02, 0.56, 0.05])))
     delta = Robot.load(ROBOTS / "delta" / "robot.yaml")
-    with pytest.raises(UnreachableTargetError, match="200 mrad away"):
+    with pytest.raises(UnreachableTargetError, match="200 mrad away; the robot commands 3 of the 6 freedoms"):
         delta.location_to(Target(np.array([0.0, 0.0, -0.6]), pin.exp3(np.array([0.0, 0.0, 0.2]))))
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "why"),
+    [("delta", (0.5, 0.5, 0.0), "would stand at"), ("hexapod", (0.0, 0.0, -3.0), "on the way to it the loops do not")],
+)
+def test_far_away_is_out_of_reach_and_no_fault_of_the_parts(name, place, why):
+    """Whatever the single searches end with."""
+    robot = Robot.load(ROBOTS / name / "robot.yaml")
+    with pytest.raises(NoSolutionError, match=r"^the pose is out of reach: ") as refused:
+        robot.drives_to(Target(np.array(place), np.eye(3) if name == "hexapod" else None))
+    assert why in str(refused.value)
+    assert "check the drive values" not in str(refused.value)
+
+
+def test_lines_that_hold_a_platform_twice_are_as_long_as_it_is_far():
+    """Three freedoms, four lines: each is the distance from its anchor."""
+    there = np.array([0.1, 0.2, 0.3])
+    anchors = np.array([[0.0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0.0, 0.0, 2.355]])
+    found = HANGPRINTER.location_to(Target(there))
+    assert list(found.drives.values()) == pytest.approx(np.linalg.norm(anchors - there, axis=1), abs=1e-9)
+    assert found.nominal.gap_m < 1e-9
+
+
+def test_lines_that_no_place_has_are_refused_and_measured_ones_are_not():
+    with pytest.raises(ClosureError, match=r"the drives disagree .* is left open by 1[0-9]{3} mm"):
+        HANGPRINTER.location_at([0.005] * 4)
+    slack = np.array([0.1, 0.0, 0.0, 0.0]) + HANGPRINTER.model.definition.home_drives
+    assert 0.02 < HANGPRINTER.location_at(slack).nominal.gap_m < 0.05
+    status = HANGPRINTER.locate_drives([[0.005] * 4, slack]).status
+    assert status.values.tolist() == ["left open too far", "closed"]
 
 
 def test_the_pouring_robot_is_one_of_them(drawing):

@@ -47,7 +47,7 @@ def test_an_array_of_poses_is_the_same_as_a_list(as_built):
     assert as_built.locate([]).sizes["pose"] == 0
 
 
-@pytest.mark.parametrize("poses", [[1.0, 2.0], np.zeros((2, 3)), [[0.0, 0.0, np.nan, 0.0]], [[0.0], [1.0, 2.0]]])
+@pytest.mark.parametrize("poses", [[1.0, 2.0], np.zeros((2, 3)), [[0.0, 0.0, np.nan, 0.0]], [[0.0], [1.0, 2.0]], None])
 def test_what_is_no_list_of_poses_is_refused(as_built, poses):
     with pytest.raises(BadInputError, match="shape"):
         as_built.locate(poses)

@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.robot.pouring.new_layout import NewLayout, checked
+from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import load_robot
 
@@ -35,6 +35,15 @@ def test_hanging_like_a_swing_it_is_singular():
     assert checked(swing).singular
 
 
+def test_what_is_held_nowhere_has_no_figure():
+    """Platforms of one size: upright or not, four parallel legs let the lower one swing."""
+    usual = NewLayout.usual()
+    *_, figures, warning = check_lines(checked(dataclasses.replace(usual, moving_mm=usual.fixed_mm)))
+    assert "without bound" in figures
+    assert "e+" not in figures
+    assert warning == "warning: most poses of the workspace are singular, where the drives do not hold the platform"
+
+
 def test_a_stroke_that_is_too_short_is_told_leg_by_leg():
     usual = NewLayout.usual()
     found = checked(dataclasses.replace(usual, stroke_mm=(400.0, 2000.0)))
@@ -51,7 +60,10 @@ def test_the_file_says_what_the_owner_said(tmp_path):
     layout = load_layout("own", path)
     np.testing.assert_allclose(np.ptp(layout.fixed_centres_m, axis=0), [1.0, 0.9, 0.0])
     np.testing.assert_allclose((layout.position_lower_m[2], layout.position_upper_m[2]), (-1.2, -0.7))
-    assert "paper's robot" not in path.read_text(encoding="utf-8").split("layouts:")[1]
+    text = path.read_text(encoding="utf-8")
+    assert "paper's robot" not in text.split("layouts:")[1]
+    assert text.count("as the owner says") == 2
+    assert load_layout("own", path).ladle.tare == load_layout().ladle.tare
 
 
 @pytest.mark.parametrize(

@@ -34,17 +34,19 @@ def test_full_pose_and_back():
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_numbers_must_be_finite(bad):
-    for index, name in enumerate("xyz"):
+    for index in range(3):
         position = [0.0, 0.0, 0.0]
         position[index] = bad
-        with pytest.raises(BadInputError, match=f"pose's {name} must be a finite number"):
+        with pytest.raises(BadInputError, match=f"pose's x, y, z must be finite numbers, in m, not .*{bad}"):
             PlatformPose(tuple(position), 0.0)
     with pytest.raises(BadInputError, match="pose's tilt must be a finite number"):
         PlatformPose((0.0, 0.0, 0.0), bad)
+    with pytest.raises(BadInputError, match="must be finite numbers, in mm and degrees"):
+        PlatformPose.from_mm_deg("a", bad, 0.0, 0.0)
 
 
 def test_a_position_has_three_coordinates():
-    with pytest.raises(BadInputError, match="three coordinates"):
+    with pytest.raises(BadInputError, match="x, y, z must be finite numbers"):
         PlatformPose((0.0, 0.0), 0.0)
 
 

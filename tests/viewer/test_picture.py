@@ -58,6 +58,20 @@ def test_the_arrow_lies_over_what_hides_it(tmp_path):
     assert red[:, SIZE[0] // 2 :].sum() > 10
 
 
+def test_a_label_stays_in_the_picture(tmp_path):
+    """At the right edge it stands left of its arrow, as whole as it is in the middle."""
+    scene, middle = small_scene(tmp_path, steps=(Step(),)), np.array([1.0, 2.0, 0.05])
+    camera = Camera(middle - np.array([0.0, 2.0, 0.0]), middle)  # half of its width is 0.4 m there
+    inks = []
+    for aside in (0.25, 0.38):
+        arrow = SceneArrows(
+            "error", (middle + np.array([aside, 0.0, 0.0]))[None, None], np.array([[[0.0, 0.0, 0.002]]])
+        )
+        shown = _pixels(replace(scene, arrows=(arrow,), camera=camera))
+        inks.append(int(_changed(shown, _pixels(replace(scene, arrows=(), camera=camera))).sum()))
+    assert inks[1] == pytest.approx(inks[0], rel=0.1)
+
+
 def test_translucent_bodies_let_the_background_through(tmp_path):
     scene = small_scene(tmp_path, arrows=(), steps=(Step(),))
     nominal = scene.robots[1]

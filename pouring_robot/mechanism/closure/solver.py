@@ -45,6 +45,8 @@ class ClosureOptions:
     max_iterations: int = 240  # Newton steps before giving up
     max_gap_m: float = 0.01  # largest distance that may be left open; ``max_gap_rad``: largest angle
     max_gap_rad: float = 0.1
+    # the same of redundant drives, which disagree by what is wrong with the robot: not known before it is calibrated
+    most_disagreement_m: float = np.inf
     # loops open by less (m or rad) count as closed exactly: Gauss-Newton then converges quadratically
     closed_below: float = 1e-9
     # largest turn of a displaced joint (rad) that is closed in one go. Beyond that a mechanism may have several
@@ -108,11 +110,12 @@ class ClosureResult(Result):
         return pd.DataFrame(table)
 
     def within(self, options: ClosureOptions) -> Self:
-        """Return the same; raises ClosureError where a loop that must close is open further than options allow."""
+        """Return the same; raises ClosureError where a loop is open further than options allow."""
+        most_m, most_rad, reason = options.max_gap_m, options.max_gap_rad, "the parts do not fit together"
         if self.mechanism.loops.redundant_drives:
-            return self
-        if self.gap_m > options.max_gap_m or self.gap_rad > options.max_gap_rad:
-            reason, status = "the parts do not fit together", "left open too far"
+            most_m, most_rad, reason = options.most_disagreement_m, np.inf, "the drives disagree"
+        if self.gap_m > most_m or self.gap_rad > most_rad:
+            status = "left open too far"
             raise _failure(self.mechanism, reason, self.residual, self.iterations, status)
         return self
 

@@ -48,6 +48,9 @@ _WORKSPACE_SAMPLES = 200
 _LIMIT_SLACK = 1e-6  # m or rad: a home that was rounded
 _DRAWN_FIT = 1e-4
 """How far a drawing's loops may be open, over its reach and in rad: drawings are written to a tenth of a mm a metre."""
+_MEASURED_FIT = 0.03
+"""How far commands of redundant drives may disagree, over the reach. Anchors measured by hand are off by some percent:
+those of the Hangprinter in ``examples/machines`` make its lines disagree by up to 1 %."""
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
 ParameterSets = Mapping[str, tuple[str, ...]]
 _GROUPS: ParameterGroups = {
@@ -239,6 +242,11 @@ class RobotDefinition:
     def drawn_fit(self) -> ClosureOptions:
         """When the drawing, which has no errors, counts as closed: its loops fit as well as drawings are written."""
         return replace(DEFAULT_OPTIONS, max_gap_m=_DRAWN_FIT * self.reach_m, max_gap_rad=_DRAWN_FIT)
+
+    @property
+    def most_disagreement_m(self) -> float:
+        """How far redundant drives may disagree, in m, and still be the command of a pose."""
+        return _MEASURED_FIT * self.reach_m
 
     def files_beside(self) -> dict[str, bytes]:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""

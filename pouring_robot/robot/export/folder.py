@@ -11,7 +11,7 @@ import pinocchio as pin
 import trimesh
 from lxml import etree
 
-from pouring_robot.exceptions import DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot, configured
@@ -31,13 +31,20 @@ def exported_files(
     """Return what an export of a closed robot into a folder writes, by path; the description last.
 
     It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
-    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed. ``absolute_meshes``:
-    meshes are addressed from the root. Raises DescriptionError: a mesh is missing, or the format cannot say something.
+    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed; neither joint values
+    nor how it closes are written, which count from the drawing's zeros. ``absolute_meshes``: meshes are addressed from
+    the root. Raises DescriptionError: a mesh is missing, or the format cannot say something; BadInputError: the folder
+    holds files of a tree with other zeros.
     """
     assembly = Assembly.of(closed)
     pairs = joined_or_touching(closed, assembly)
     name = assembly.name
-    beside: dict[str, bytes] = {} if zero_here or form != "urdf" else closed.robot.model.definition.files_beside()
+    joints = {folder / f"joints.{kind}" for kind in ("csv", "json")}
+    beside: dict[str, bytes] = closed.robot.model.definition.files_beside() if form == "urdf" else {}
+    if zero_here:  # these count from the drawing's zeros
+        for stale in sorted(path for path in (*joints, *map(folder.joinpath, beside)) if path.exists()):
+            raise BadInputError(f"{stale}: is of a tree with other zeros; delete it, or choose another folder")
+        joints, beside = set(), {}
     files = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
     *_, urdf = files
     drawn = files.pop(urdf)
@@ -45,9 +52,7 @@ def exported_files(
         mesh = trimesh.load_mesh(io.BytesIO(_bytes(files[path])), file_type=path.suffix[1:])
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
         files[path.with_suffix(".glb")] = _bytes(mesh.export(file_type="glb"))
-    for kind in ("csv", "json"):
-        place = folder / f"joints.{kind}"
-        files[place] = joints_text([JointRow.of(closed.result)], place)
+    files |= {place: joints_text([JointRow.of(closed.result)], place) for place in sorted(joints)}
     if form != "urdf":
         for missing in (name for name in assembly.meshes if folder / "meshes" / name not in files):
             problem = f"the mesh {missing} lies in a package that is not here"

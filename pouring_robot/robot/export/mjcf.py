@@ -81,7 +81,11 @@ def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[floa
         own = mechanism.joint_columns[joint.name].start
         mass[own, own] += joint.armature
     if not np.isfinite(np.linalg.cond(mass)) or np.linalg.cond(mass) > _MOST_UNEQUAL:
-        raise DescriptionError("URDF", "links that move have no mass, which MuJoCo refuses; give them one")
+        least = int(np.argmin(np.diag(mass)))
+        moving = next(name for name, own in mechanism.joint_columns.items() if own.start <= least < own.stop)
+        raise DescriptionError(
+            "URDF", f"the links that '{moving}' moves have no mass, which MuJoCo refuses; give them one"
+        )
     pin.computeJointJacobians(model, data, closed.result.configuration)
     for loop in assembly.loops.loops:
         for name in (assembly.solid(loop.frame_a), assembly.solid(loop.frame_b)):

@@ -108,19 +108,22 @@ class NewLayout:
         entry = content["layouts"].pop("paper")
         for other in tuple(content["layouts"]):
             del content["layouts"][other]
-        common, limits = content["common"], self.limits()
-        content["layouts"][self.name] = entry
-        for key, pair, unit in (
-            *((axis, getattr(self, f"{axis}_mm"), "mm") for axis in "xyz"),
-            ("tilt", self.tilt_deg, "deg"),
+        common, corners = content["common"], (self.fixed_mm, self.moving_mm)
+        fixed, moving = (self.centres_mm(sides).tolist() for sides in corners)
+        content["layouts"][self.name], usual = entry, self.usual()
+        for key, place, value, unit in (
+            *((f"{axis}_mm", common["workspace"][axis], None, "mm") for axis in "xyz"),
+            ("tilt_deg", common["workspace"]["tilt"], None, "deg"),
+            ("payload_kg", common["ladle"]["payload"], None, "kg"),
+            ("tare_kg", common["ladle"]["tare"], None, "kg"),
+            ("fixed_mm", entry["fixed_centres"], fixed, "mm"),
+            ("moving_mm", entry["moving_centres"], moving, "mm"),
         ):
-            _say(common["workspace"][key], list(pair), unit)
-        _say(common["ladle"]["payload"], self.payload_kg, "kg")
-        _say(common["ladle"]["tare"], self.tare_kg, "kg")
-        _say(entry["fixed_centres"], self.centres_mm(self.fixed_mm).tolist(), "mm")
-        _say(entry["moving_centres"], self.centres_mm(self.moving_mm).tolist(), "mm")
-        for key, (pair, unit) in limits.items():
-            _say(entry["joint_limits"][key], list(pair), unit)
+            if (said := getattr(self, key)) != getattr(usual, key):
+                _say(place, value or (list(said) if isinstance(said, tuple) else said), unit, _OWNER)
+        for key, (pair, unit) in self.limits().items():
+            whose = _OWNER if key == "s3" and self.stroke_mm else "what the workspace needs"
+            _say(entry["joint_limits"][key], list(pair), unit, whose)
         stream = io.StringIO()
         yaml.dump(content, stream)
         return stream.getvalue()
@@ -130,9 +133,12 @@ QUESTIONS: dict[str, str] = {one.name: one.metadata["asked"] for one in fields(N
 """What the owner is asked, by field."""
 
 
-def _say(entry: CommentedMap, value: Any, unit: str) -> None:
-    """Put a value of the owner's into an entry; whose it was before is no longer said."""
-    entry["value"], entry["unit"], entry["source"], entry["note"] = value, unit, "assumed", "as the owner says"
+_OWNER = "as the owner says"
+
+
+def _say(entry: CommentedMap, value: Any, unit: str, whose: str) -> None:
+    """Put a value into an entry, and whose it is; whose it was before is no longer said."""
+    entry["value"], entry["unit"], entry["source"], entry["note"] = value, unit, "assumed", whose
 
 
 @dataclass(frozen=True)
@@ -176,6 +182,7 @@ def checked(layout: NewLayout) -> Checked:
 _HELD = 100.0
 """Times an error of the drives that the platform is off, from which on nothing is held: 0.1 mm become a centimetre,
 which is the accuracy that pouring needs."""
+_UNBOUNDED = 1e6  # times, from which on the figure is that of round-off
 
 
 def _slopes(layout: NewLayout, poses: FloatArray) -> FloatArray:
@@ -197,9 +204,14 @@ def check_lines(found: Checked) -> list[str]:
     median, most = found.amplified
     x, y, z, tilt = found.worst
     lines.append(
-        f"an error of the drives moves the platform by {median:.2f} times itself at worst (median of the poses), "
-        f"{most:.2f} times at x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f} deg"
+        f"an error of the drives moves the platform by {_times(median)} itself at worst (median of the poses), "
+        f"{_times(most)} at x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f} deg"
     )
     if found.singular:
-        lines.append("warning: there is a singular pose in the workspace, where the drives do not hold the platform")
+        where = "most poses of the workspace are singular" if median > _HELD else "a pose of the workspace is singular"
+        lines.append(f"warning: {where}, where the drives do not hold the platform")
     return lines
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.2f} times" if factor < _UNBOUNDED else "without bound, over a million times"

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.poses import MM
 
 
@@ -19,16 +19,16 @@ class PlatformPose:
     tilt_rad: float  # r, rotation about y, in rad
 
     def __post_init__(self) -> None:
-        if len(self.position_m) != 3:
-            raise BadInputError(f"a position has three coordinates, not {len(self.position_m)}")
-        for name, value in zip(("x", "y", "z", "tilt"), (*self.position_m, self.tilt_rad), strict=True):
-            if not math.isfinite(value):
-                raise BadInputError(f"the pose's {name} must be a finite number, not {value}")
+        finite(self.position_m, (3,), f"the pose's x, y, z must be finite numbers, in m, not {self.position_m}")
+        finite(self.tilt_rad, (), f"the pose's tilt must be a finite number, in rad, not {self.tilt_rad}")
 
     @classmethod
     def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> Self:
         """Take a pose in mm and degrees."""
-        return cls((x_mm * MM, y_mm * MM, z_mm * MM), math.radians(tilt_deg))
+        demand = "the pose's x, y, z and tilt must be finite numbers, in mm and degrees"
+        *position, tilt = finite((x_mm, y_mm, z_mm, tilt_deg), (4,), demand).tolist()
+        x, y, z = (value * MM for value in position)
+        return cls((x, y, z), math.radians(tilt))
 
     @classmethod
     def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> Self:
