@@ -46,7 +46,6 @@ _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
 _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
-_AS_WELL = "; as well possible: "
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _NEARLY_ALL = 0.9
@@ -186,7 +185,7 @@ class FrameChecks:
 
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
-        fit = self.data.fit(1.0, rotations=False)
+        fit, mirrored = self.data.fit(1.0, rotations=False), None
         for _ in range(3):
             # One column of three hardly shows in a robust misfit.
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
@@ -201,28 +200,27 @@ class FrameChecks:
             if after.position_scale_m / undone.size_m > gain * before:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
-            self._found(mistake.code, mistake.message, mistake.names, metrics)
+            self._found(mistake.code, mistake.told, mistake.names, metrics)
+            mirrored = mistake if mistake.code is FlagCode.MIRRORED_AXES else mirrored
             self.data, fit = undone, after
         if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
             self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
-        self._which_axes()
+        if mirrored is not None and self._turns:
+            self._which_axes(mirrored)
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
 
-    def _which_axes(self) -> None:
+    def _which_axes(self, mistake: Mistake) -> None:
         """Name the axes that are mirrored, where rotations tell them: as they are, they fit one mirror image only."""
-        told = next((k for k, flag in enumerate(self.flags) if flag.code is FlagCode.MIRRORED_AXES), None)
-        if told is None or not self._turns:
-            return
-        mirrored, flag = reversed_x(self.data), self.flags[told]
-        tried = [(mistake, undone) for mistake in mirror_mistakes(self.campaign) if (undone := mistake.undo(mirrored))]
+        mirrored = reversed_x(self.data)
+        tried = [(mirror, undone) for mirror in mirror_mistakes(self.campaign) if (undone := mirror.undo(mirrored))]
         best = _least([one for one in _fitted(tried, _turn_misfit, _HOPELESS_RAD) if one[0] <= _HOPELESS_RAD])
-        if best is None or best.message.count(_AS_WELL) == len(tried) - 1:
+        if best is None or len(best.equals) == len(tried) - 1:
             return  # rotations do not tell
-        _, *others = flag.message.split(_AS_WELL)
-        message = _AS_WELL.join([f"{LEFT_HANDED}: {best.message}", *others])
+        named = dataclasses.replace(mistake, message=f"{LEFT_HANDED}: {best.told}")
+        (k,) = (k for k, flag in enumerate(self.flags) if flag.code is mistake.code)
         headings = tuple(self.campaign.heading(name) for name in best.names)
-        self.flags[told] = dataclasses.replace(flag, message=message, columns=headings)
+        self.flags[k] = dataclasses.replace(self.flags[k], message=named.told, columns=headings)
         self.data = best.undo(mirrored) or self.data
 
     @property
@@ -283,12 +281,12 @@ def _mostly_within(values: FloatArray, low: float, high: float) -> bool:
 
 
 def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
-    """Return the mistake that leaves the least misfit; it tells its equals. None: there is none."""
+    """Return the mistake that leaves the least misfit, with its equals; None: there is none."""
     if not left:
         return None
     (least, best), *others = sorted(left, key=lambda one: one[0])
-    equals = [mistake.message for misfit, mistake in others if misfit < _EQUAL * least]
-    return dataclasses.replace(best, message=_AS_WELL.join([best.message, *equals]))
+    equals = (mistake.message for misfit, mistake in others if misfit < _EQUAL * least)
+    return dataclasses.replace(best, equals=tuple(equals))
 
 
 def _fitted(

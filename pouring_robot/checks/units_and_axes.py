@@ -123,6 +123,12 @@ class Mistake:
     message: str
     names: Sequence[str]
     undo: Callable[[Comparison], Comparison | None]
+    equals: tuple[str, ...] = ()  # messages of others that fit as well
+
+    @property
+    def told(self) -> str:
+        """The message, with what is as well possible."""
+        return "; as well possible: ".join([self.message, *self.equals])
 
 
 def _turned(

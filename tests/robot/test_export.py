@@ -315,7 +315,7 @@ def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked,
     exported_files(closed, tmp_path, zero_here=True)
 
 
-@pytest.mark.parametrize(("name", "words"), [("arm", "link turret moves"), ("five_bar", "the links that 'left_elbow' moves")])
+@pytest.mark.parametrize(("name", "words"), [("arm", "link turret moves"), ("five_bar", "that 'left_elbow' moves")])
 def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
     source = ROBOTS / name / f"{name}.urdf.xacro"
     root = etree.fromstring(RobotModel.for_robot(source.with_name("robot.yaml")).nominal_urdf().encode())
