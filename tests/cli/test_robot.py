@@ -268,7 +268,7 @@ def test_any_robot_is_posed_and_compensated(run, tmp_path):
     ("arguments", "says"),
     [
         (("pose", "--drives", "1 2"), "give one number for each of q1 (deg)".replace("q1", "joint1")),
-        (("pose", "--at-mm", "500", "0", "700"), "determines 3 of the 6 drives"),
+        (("pose", "--at-mm", "500", "0", "700"), "determines 3 of 6 freedoms"),
         (("pose", "--drives", "0 0 0 0 0 0", "--tilt-deg", "3"), "belong to --at-mm"),
         (("pose",), "--at-mm or drive values by --drives"),
         (("pose", "--drives", "0 0 0 0 60 0", "--steady"), "pouring robot's melt"),
