@@ -28,6 +28,7 @@ SLOW = {
     "pouring-robot calibrate measured.csv": "needs the plan",
     "series_c.csv --robot examples/machines/ur10/robot.yaml --out": "see tests/diagnosis/test_measured_arm",
     "series_c.csv --model": "see tests/diagnosis/test_measured_arm",
+    "diagnose examples/machines/hangprinter/samples.csv": "see tests/examples/test_hangprinter",
     "pouring-robot campaign plan": "takes half a minute; see tests/design",
     "pouring-robot campaign simulate --plan plan.csv": "needs the plan",
     "pouring-robot campaign check measured.csv": "needs the plan",

@@ -1,5 +1,9 @@
 """The Hangprinter: no tracker, only lines that must agree. One command names anchors and build-up, and no stretch."""
 
+import contextlib
+import importlib
+import io
+import shlex
 import shutil
 from pathlib import Path
 
@@ -8,15 +12,39 @@ import pandas as pd
 import pytest
 
 import pouring_robot
+from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.report.sentences import gap_sentence
 from pouring_robot.exceptions import BadInputError
+from tests.docs.shown import assert_shown, commands, fences
+from tests.support import ROOT
 
-MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter"
+MACHINE = ROOT / "examples/machines/hangprinter"
+PAGE = ROOT / "docs/lines_and_distances.md"
 
 
 @pytest.fixture(scope="module")
-def found():
-    return pouring_robot.diagnose(MACHINE / "samples.csv", pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml")))
+def told(tmp_path_factory):
+    """What the page says that its command prints, what it prints, its folder, and the diagnosis that it made."""
+    ((command, shown),) = [one for _, text in fences(PAGE, "console") for one in commands(text) if "diagnose" in one[0]]
+    module, folder, made = importlib.import_module("pouring_robot.diagnosis.diagnose"), tmp_path_factory.mktemp("a"), []
+    diagnose = module.diagnose
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
+        patch.setattr(module, "diagnose", lambda *given: made.append(diagnose(*given)) or made[0])
+        patch.setenv("COLUMNS", "120")
+        patch.chdir(folder)
+        Path("examples").symlink_to(ROOT / "examples")
+        assert main(shlex.split(command)[1:]) == 0
+    return shown, printed.getvalue(), folder / "found", *made
+
+
+@pytest.fixture(scope="module")
+def found(told):
+    return told[-1]
+
+
+def test_the_command_prints_what_its_page_shows(told):
+    shown, printed, *_ = told
+    assert_shown(shown, printed)
 
 
 def test_anchors_and_build_up_are_named_and_stretch_is_not(found):
@@ -70,9 +98,8 @@ def test_held_out_lines_agree(found):
     assert 1e3 * found.in_turn.gap.position("after") < 1.5
 
 
-def test_what_is_found_is_a_robot_whose_lines_agree(found, tmp_path):
-    found.save(tmp_path)
-    model = pouring_robot.RobotModel.load(tmp_path / "model.yaml")
+def test_what_is_found_is_a_robot_whose_lines_agree(told):
+    model = pouring_robot.RobotModel.load(told[2] / "model.yaml")
     assert set(model.joint_placements) == {"anchor_b_X", "anchor_c_X", "anchor_d_X"}
     assert [(entry.effect, entry.placed) for entry in model.effects if not entry.placed] == [("drive_scale", False)]
 
