@@ -165,7 +165,8 @@ def calibrate(
     shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     own_frames = [parameter.name for parameter in sessions]
-    located, turned = (bool(instrument[parts.train].known.any()) for instrument in measured.instruments[:2])
+    position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])
+    located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
     return Calibration(
         campaign=campaign,
         present=model,

@@ -110,8 +110,8 @@ class LadleUncertainty:
 
     The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
     does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
-    counts as far as tolerances leave it open. Distances hardly tell where their device and the target stand: where
-    nothing else was measured, the lip is that of the robot's own base.
+    counts as far as tolerances leave it open. Distances, or one or two coordinates of the three, hardly tell where the
+    device and the target stand: where nothing else was measured, the lip is that of the robot's own base.
     """
 
     position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
@@ -135,8 +135,8 @@ def ladle_uncertainty(
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 
-    ``located`` says whether coordinates were measured, so that there are axes they stand in, ``turned`` whether
-    rotations were, so that the attitude of the target is known.
+    ``located`` says whether all three coordinates were measured, so that there are axes they stand in, ``turned``
+    whether rotations were, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed

@@ -142,8 +142,9 @@ def ladle_line(calibration: CalibrationFindings) -> str:
         return "the workspace box holds no pose the robot can take"
     _, point = calibration.present.definition.tool_words
     # Closures need no device, and have no frames.
-    seen = calibration.ladle.located or calibration.noise["distance"].source == "none"
-    base = "" if seen else "in the robot's own base, for distances hardly tell where device and target stand, "
+    device = any(calibration.noise[kind].source != "none" for kind in ("position", "rotation", "distance"))
+    base = "in the robot's own base, for the data hardly tell where device and target stand, "
+    base = base if device and not calibration.ladle.located else ""
     return (
         f"as far as what was kept explains the robot, {base}the model knows each coordinate of {point} to "
         f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "

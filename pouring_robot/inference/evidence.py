@@ -252,20 +252,6 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
     return np.asarray(0.5 * (variances * beside[0] ** 2 / pivots[0] - np.log(pivots).sum(axis=0)))
 
 
-def explained(columns: FloatArray, projected: FloatArray) -> float:
-    """Return the sum of squares that columns explain of a vector, but not where they cancel but for rounding.
-
-    From their inner products with each other, (k, k), and with it, (k,).
-    """
-    sizes = np.sqrt(np.diag(columns))
-    shown = sizes > 0.0
-    sizes = sizes[shown]
-    squared, axes = eigen(columns[np.ix_(shown, shown)] / np.outer(sizes, sizes))
-    kept = squared > _NEGLIGIBLE * squared.max(initial=0.0)
-    seen = axes.T @ (projected[shown] / sizes)
-    return float((seen[kept] ** 2 / squared[kept]).sum())
-
-
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues and axes of a symmetric matrix (k, k), or of each of several (p, k, k).
 

@@ -18,7 +18,6 @@ from pouring_robot.inference.evidence import (
     Places,
     Scale,
     bayes_factor,
-    explained,
     most_evidence,
 )
 from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
@@ -311,10 +310,13 @@ class Hypothesis:
         return float(values @ self.problem.gram.columns[np.ix_(places, places)] @ values)
 
     def explained_by(self, item: Explanation, indices: Iterable[int]) -> float:
-        """Return how much of :meth:`size` of some items the main parameters of an explanation could make."""
+        """Return how much of :meth:`size` of some items the main parameters of an explanation could make.
+
+        At the widest scale: what the free unknowns all but take up would need sizes that no machine has.
+        """
         places, values = self._together(indices)
         main, columns = self.problem.places(item)[item.main], self.problem.gram.columns
-        return explained(columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values)
+        return 2.0 * most_evidence(columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values)
 
     def main_share(self, index: int) -> float:
         """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares."""

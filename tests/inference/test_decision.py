@@ -212,7 +212,8 @@ def test_an_alternative_is_as_likely_as_one_in_twenty(probability, named):
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
 def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
-    left = factor * hidden(0.01) / share(SURE) ** 2
+    # A column of length 1 makes all but one part in 1 + s² of what it points to, s the widest scale.
+    left = 1.0 - (1.0 - factor * hidden(0.01) / share(SURE) ** 2) * (1.0 + SCALES[-1] ** -2)
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, np.sqrt(1.0 - left)))]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds(alternative=1.0))
     assert found.alternatives == (("b",) if named else ())

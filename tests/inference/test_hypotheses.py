@@ -124,13 +124,15 @@ def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):
     assert np.mean(found) == pytest.approx(40.0, abs=4.0 * np.sqrt(2.0 * 40.0 / 200.0))
 
 
-def test_what_other_columns_could_make_is_least_squares(small, rng):
+def test_what_other_columns_could_make_is_least_squares_with_coefficients_of_the_widest_scale(small, rng):
     """Of columns of any length, one of them nothing and two of them the same."""
     columns = rng.normal(size=(12, 3)) @ np.diag([1e-5, 1.0, 1e5])
     columns = np.hstack([columns, columns[:, :1], np.zeros((12, 1))])
     other = Explanation("other", "plain", columns, np.array([True, True, False, True, True]))
     part = small.part(0) + small.part(1)
-    left = part - columns[:, :2] @ np.linalg.lstsq(columns[:, :2], part, rcond=None)[0]
+    main = np.vstack([np.exp(LOG_SCALES[-1]) * columns[:, other.main], np.eye(4)])
+    wanted = np.concatenate([part, np.zeros(4)])
+    left = wanted - main @ np.linalg.lstsq(main, wanted, rcond=None)[0]
     seen = replace(small, problem=small.problem.and_also([other]))
     assert seen.explained_by(other, (0, 1)) == pytest.approx(part @ part - left @ left, rel=1e-9)
 
@@ -224,3 +226,16 @@ def test_what_is_no_cause_is_not_among_the_causes(rng):
     hypothesis = Hypothesis(problem(rng.normal(size=20), items), items, (Scale(1.0), Scale(1.0)), ())
     assert [item.effect for item in hypothesis.items if item.cause] == ["a"]
     assert hypothesis.effects == ("a", "b")
+
+
+def test_a_column_that_the_free_unknowns_all_but_take_up_stands_for_nothing_else(rng):
+    """A millionth is left of it, and that looks like the effect: ten times what is usual makes a hundredth of noise."""
+    size = 1e3
+    free, course = np.linalg.qr(rng.normal(size=(40, 2)))[0].T
+    zeros = size * (free + 1e-6 * course)
+    effects = [explanation("drift", 100.0 * course[:, None]), explanation("zero", zeros[:, None])]
+    found = Hypothesis.nothing(problem(40.0 * course, effects, free=free[:, None]))
+    drift, zero = found.problem.explanations
+    named = found.with_item(drift, Scale(1.0))
+    assert named.explained_by(drift, (0,)) == pytest.approx(named.size(0), rel=1e-4)
+    assert named.explained_by(zero, (0,)) < 1.0

@@ -147,7 +147,9 @@ def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
     table[~_shown(diagnosis)] = np.nan
-    return in_base(table, state.frames.T_tracker_base.rotation)
+    turned = in_base(table, state.frames.T_tracker_base.rotation)
+    # Where no row has all three coordinates none has any in other axes than the tracker's.
+    return table if np.isnan(turned[:, :3]).all() else turned
 
 
 def _signatures(diagnosis: Conclusions) -> str:

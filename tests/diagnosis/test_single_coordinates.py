@@ -1,0 +1,45 @@
+"""Campaigns in which nobody measured one coordinate, or another one in each row: diagnosed and calibrated as they are."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pouring_robot.cli.app import main
+from tests.support import ROOT
+
+ROBOT = str(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
+COORDINATES = ["x_mm", "y_mm", "z_mm"]
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Return what writes a campaign of places without some of their cells, given by row."""
+
+    def written(missing):
+        path = tmp_path / "c.csv"
+        options = ("--robot", ROBOT, "--random", "30", "--seed", "1", "--position-only", "--quiet")
+        assert main(["campaign", "simulate", *options, "--out", str(path)]) == 0
+        table = pd.read_csv(path)
+        for row in table.index:
+            table.loc[row, COORDINATES[missing(row)]] = np.nan
+        table.to_csv(path, index=False)
+        return str(path)
+
+    return written
+
+
+@pytest.mark.parametrize("missing", [lambda row: 2, lambda row: row % 3])
+def test_no_row_need_have_all_three(campaign, tmp_path, missing):
+    assert main(["diagnose", campaign(missing), "--robot", ROBOT, "--out", str(tmp_path / "d"), "--quiet"]) == 0
+    assert "<svg" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_tool_is_known_in_the_base_where_a_coordinate_was_not_measured(campaign, tmp_path, capsys):
+    """In the tracker's axes it is as unknown as where the tracker stands along that coordinate: decimetres."""
+    assert main(["calibrate", campaign(lambda row: 2), "--robot", ROBOT, "--out", str(tmp_path / "c")]) == 0
+    assert "in the robot's own base, for the data hardly tell where device" in " ".join(capsys.readouterr().out.split())
+    ladle = json.loads((tmp_path / "c" / "calibration.json").read_text(encoding="utf-8"))["ladle"]
+    assert ladle["axes"] == "base"
+    assert ladle["half_width95_mm"]["largest"] < 20.0
