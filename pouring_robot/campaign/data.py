@@ -360,7 +360,7 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
         named = read_metadata(metadata_path(path)).robot
     except PouringRobotError:
         return  # that is another matter, and the columns come first
-    if named != robot.name:
+    if named and named != robot.name:
         said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
         mend = "name its robot file (--robot; in Python the argument robot, a RobotDefinition)"
         raise CampaignError(path, f"{said}; {mend}") from problem

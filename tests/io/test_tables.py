@@ -80,9 +80,11 @@ def test_semicolons_and_decimal_commas_are_told(tmp_path):
     path.write_text('x_mm,y_mm\n"-2658,2581","1,2,3"\n')
     table = read_table(path, "x_mm")
     for read in (table.numbers, table.sparse_numbers):
-        with pytest.raises(TableError, match="column x_mm: '-2658,2581' is no number: its decimal mark must be a point"):
+        with pytest.raises(
+            TableError, match=r"column x_mm: '-2658,2581' is no number: its decimal mark must be a point"
+        ):
             read(0)
-        with pytest.raises(TableError, match="column y_mm: '1,2,3' is not a"):
+        with pytest.raises(TableError, match=r"column y_mm: '1,2,3' is not a"):
             read(1)
 
 
