@@ -239,7 +239,7 @@ def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     code, _, err = run("campaign", "check", series)
     assert code == 2
     assert "is a campaign of the robot 'ur10', and was read as one of 'pouring_robot'; name its robot file" in err
-    assert "(--robot; in Python the argument robot" in err
+    assert "(--robot; in Python the argument robot, its path)" in err
     assert err.count("\n") == 1
 
 
