@@ -88,6 +88,13 @@ def _copies(campaign: Campaign) -> Rows:
     return np.delete(usable, first)
 
 
+def without_copies(campaign: Campaign) -> Campaign:
+    """Return a campaign in which copies of rows command nothing, so that they are compared with no pose."""
+    copies, drives = _copies(campaign), np.array(campaign.drives)
+    drives[copies] = np.nan
+    return replace(campaign, drives=drives) if copies.size else campaign
+
+
 def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
     """Find rows that are copies: noise never repeats."""
     copies = _copies(campaign)

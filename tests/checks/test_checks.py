@@ -368,6 +368,15 @@ def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
     assert outlier_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
 
 
+def test_copies_do_not_count_in_the_misfit(as_built, real):
+    rows = np.arange(len(real.campaign))
+    once, copied_too = (
+        examine(real.campaign.subset(chosen), as_built.kinematics).fit for chosen in (rows, np.r_[rows, [3] * 9])
+    )
+    assert copied_too.position_scale_m == pytest.approx(once.position_scale_m, rel=1e-6)
+    assert copied_too.rotation_scale_rad == pytest.approx(once.rotation_scale_rad, rel=1e-6)
+
+
 def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
     plan = random_plan(drawing, 60, 3)
     drives = np.round(plan.drives, 3)
