@@ -17,6 +17,7 @@ from pouring_robot.calibration.findings import (
     parameter_lines,
 )
 from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
@@ -41,7 +42,7 @@ def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    found = []
+    found = [flag.message for flag in calibration.flags if flag.code is FlagCode.ANOTHER_ROBOT]
     if calibration.refused:
         moved = _moved(calibration.refused.before, calibration.refused.after)
         found.append(

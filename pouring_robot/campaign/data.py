@@ -24,12 +24,15 @@ from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import Robot
 
 if TYPE_CHECKING:
     import pandas
 
 BoolArray: TypeAlias = NDArray[np.bool_]
+AnyRobot: TypeAlias = RobotDefinition | RobotModel | Robot | Path | str | None
+"""What says which robot is meant: itself, its model, or the path of a robot or model file; None: the pouring robot."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,19 +126,20 @@ class Campaign(Result):
         return campaign
 
     @classmethod
-    def read(cls, path: Path | str, robot: RobotDefinition | None = None) -> Campaign:
+    def read(cls, path: Path | str, robot: AnyRobot = None) -> Campaign:
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
         Empty cells become NaN. What is wrong with the *values* is the business of
-        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused. Without a
-        robot it is the pouring robot's.
+        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused. ``robot``
+        may be the path of its file; without one it is the pouring robot's.
 
         Raises:
             CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
                 twice, a required column is missing, or a cell is no number; names file, line and column.
             CampaignFileError: a key or value of the YAML file is wrong; names line and key.
+            BadInputError: ``robot`` is none, or a file of it is wrong.
         """
-        path, robot = Path(path), robot or PouringDefinition()
+        path, robot = Path(path), _definition(robot)
         quantities = columns.campaign_columns(robot)
         example = next(quantity for quantity in quantities if quantity.required).headings[-1]
         try:
@@ -354,15 +358,21 @@ class Campaign(Result):
                 yield quantity, values
 
 
+def _definition(robot: AnyRobot) -> RobotDefinition:
+    if isinstance(robot, RobotDefinition):
+        return robot
+    return (robot.model if isinstance(robot, Robot) else RobotModel.of(robot)).definition
+
+
 def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
     """Say what is wrong with columns that are another robot's, if the YAML beside them names one."""
     try:
         named = read_metadata(metadata_path(path)).robot
     except PouringRobotError:
         return  # that is another matter, and the columns come first
-    if named != robot.name:
+    if named and named != robot.name:
         said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
-        mend = "name its robot file (--robot; in Python the argument robot, a RobotDefinition)"
+        mend = "name its robot file (--robot; in Python the argument robot, its path)"
         raise CampaignError(path, f"{said}; {mend}") from problem
 
 

@@ -34,7 +34,7 @@ _DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temper
 class CampaignMetadata(StrictModel):
     """What holds for a whole campaign, in SI units. None: not stated."""
 
-    robot: str = "pouring_robot"
+    robot: str | None = None  # the name of whose robot file says
     description: str = ""
     target: str = "moving_platform"  # the body the target sits on; where on it is unknown and always fitted
     frame: str = "tracker"  # in which measurements are given; where it stands is unknown and always fitted
@@ -125,7 +125,7 @@ def _kind(fact: str, unit: float) -> Any:
 
 _TEMPERATURE = "reference_temperature_degC"
 _FIELDS: dict[str, Any] = {
-    "robot": (str, "pouring_robot"),
+    "robot": (str | None, None),
     "description": (str, ""),
     "metrology": _section("metrology", target=(str, "moving_platform"), frame=(str, "tracker"), frames=(Frames, "one")),
     **{name: _section(name) for name in ("drives", "truss", "ladle")},
@@ -168,7 +168,8 @@ def read_metadata(path: Path | str) -> CampaignMetadata:
 
 def metadata_text(metadata: CampaignMetadata) -> str:
     """Return metadata as the text of a campaign's YAML file, in the units people use; what is None is left out."""
-    content: dict[str, Any] = {"robot": metadata.robot, "description": metadata.description}
+    content: dict[str, Any] = {"robot": metadata.robot} if metadata.robot else {}
+    content["description"] = metadata.description
     content["metrology"] = {"target": metadata.target, "frame": metadata.frame}
     if metadata.frames != "one":
         content["metrology"]["frames"] = metadata.frames

@@ -103,7 +103,7 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     Raises:
         BadInputError: the count is not between 1 and 100,000, or hardly any command is within reach.
     """
-    if not 1 <= count <= _MOST_POSES:
+    if not (isinstance(count, int | np.integer) and 1 <= count <= _MOST_POSES):
         raise BadInputError(f"a plan has 1 to {_MOST_POSES} poses, not {count}")
     random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)
     poses: list[Command] = []

@@ -11,7 +11,7 @@ from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
-from pouring_robot.checks.columns import check_columns, distinct_poses
+from pouring_robot.checks.columns import check_columns, distinct_poses, without_copies
 from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows, undone
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
@@ -30,7 +30,7 @@ class Examination:
     """What the checks found."""
 
     flags: list[DataFlag]  # the findings, errors first
-    comparison: Comparison  # commands and measurements with the mistakes found undone
+    comparison: Comparison  # commands and measurements with the mistakes found undone; copies of rows command nothing
     fit: FrameFit | None  # the two frames fitted to them; None where they cannot be
     disagreement_m: float | None = None  # RMS of what redundant drives of the nominal robot disagree by; None without
 
@@ -41,6 +41,7 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     poses = nominal_poses(drawing, campaign.drives)
     campaign, found = in_frames_of_their_own(campaign, poses)
     found += check_columns(campaign)
+    campaign = without_copies(campaign)
     frames = FrameChecks(campaign, drawing)
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
     if frames.fit is not None:

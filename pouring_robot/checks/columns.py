@@ -1,4 +1,4 @@
-"""Checks that need no robot: repeated rows, stuck and jumping columns, approach, time, noise, number of rows."""
+"""Checks that need no drawing: name of the robot, copies, stuck and jumping columns, approach, time, noise, counts."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,6 +22,7 @@ _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled colum
 def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
     """Yield what is wrong with the columns as such."""
     for check in (
+        _another_robot,
         _row_count,
         _missing_drives,
         _repeated_rows,
@@ -42,6 +43,14 @@ def distinct_poses(campaign: Campaign) -> int:
     """Return how many different poses were commanded; closer than 0.1 mm and 0.1 mrad counts as the same."""
     drives = campaign.drives[campaign.usable]
     return len(np.unique(np.round(drives / _SAME_POSE), axis=0)) if len(drives) else 0
+
+
+def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find a campaign of another robot whose columns happen to fit; files that name none are this robot's."""
+    named, robot = campaign.metadata.robot, campaign.robot.name
+    if named and named != robot:
+        message = f"the YAML file names the robot '{named}', and the rows were read as those of '{robot}'"
+        yield found(campaign, FlagCode.ANOTHER_ROBOT, message)
 
 
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
@@ -77,6 +86,13 @@ def _copies(campaign: Campaign) -> Rows:
     usable = np.flatnonzero(campaign.usable)
     first = np.unique(np.nan_to_num(table[usable], nan=1e300), axis=0, return_index=True)[1]
     return np.delete(usable, first)
+
+
+def without_copies(campaign: Campaign) -> Campaign:
+    """Return a campaign in which copies of rows command nothing, so that they are compared with no pose."""
+    copies, drives = _copies(campaign), np.array(campaign.drives)
+    drives[copies] = np.nan
+    return replace(campaign, drives=drives) if copies.size else campaign
 
 
 def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:

@@ -44,6 +44,11 @@ class FlagCode(enum.StrEnum):
         code._value_, code.severity, code.remedy = value, severity, remedy
         return code
 
+    ANOTHER_ROBOT = (
+        "another_robot",
+        _WARNING,
+        "name its robot file (--robot), or, if this is the one, correct 'robot' in the YAML",
+    )
     TOO_FEW_ROWS = "too_few_rows", _WARNING, f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace"
     ONE_POSE = "one_pose", _ERROR, "command poses that differ in all drives; repeats alone cannot fix the frames"
     REPEATED_ROWS = (

@@ -8,6 +8,8 @@ transfer, compensate, draw) it can do under conditions. A base that moves takes 
 robot is then seen from where its base stood by the drawing, or in the mean of the campaign where only frames tell.
 """
 
+import contextlib
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -155,6 +157,21 @@ class RobotUnderConditions:
         self.notes = (*self._notes(given), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
+
+    def idle(self, drives: FloatArray) -> tuple[str, ...]:
+        """Return the conditions, by heading, without which the robot stands at commands as it does with them.
+
+        Raises as :meth:`robots`.
+        """
+        headings = {quantity.name: quantity.canonical for quantity in self.definition.condition_columns}
+        stands, found = [robot.model for robot in self.robots(drives)], []
+        for name in self.given:
+            others = copy.copy(self)
+            others.given = {other: values for other, values in self.given.items() if other != name}
+            with contextlib.suppress(MissingConditionsError):
+                if [robot.model for robot in others.robots(drives)] == stands:
+                    found.append(headings[name])
+        return tuple(found)
 
     def _rows(self, drives: FloatArray) -> Campaign:
         """Return the commands as rows of a campaign in which nothing was measured."""

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 LARGEST = 1e9
 """No quantity comes near this, in any of its units; what does is a broken number."""
 LATEST = 1e3 * LARGEST
@@ -63,9 +65,7 @@ class Table:
 
     def separators(self) -> str:
         """Return what may be wrong with a table of one column."""
-        if len(self.headings) == 1 and any(mark in self.headings[0] for mark in ";\t"):
-            return " (columns must be parted by commas, and the decimal mark must be a point)"
-        return ""
+        return _separators(self.headings)
 
     def refuse_doubled(self) -> None:
         """Refuse headings that stand twice."""
@@ -112,7 +112,8 @@ class Table:
                     raise ValueError
             except (ValueError, OverflowError) as error:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
-                said = empty if empty and not shown else f"'{shown}' {problem}"
+                wrong = "is no number: its decimal mark must be a point" if _DECIMAL_COMMA.fullmatch(shown) else problem
+                said = empty if empty and not shown else f"'{shown}' {wrong}"
                 raise self.fault(said, row, self.headings[index]) from error
             if fault := size_fault(values[row], largest):
                 raise self.fault(fault, row, self.headings[index])
@@ -125,14 +126,14 @@ def read_table(
     """Read a table whose first line names its columns: CSV (UTF-8, commas), or by its suffix Parquet or Excel.
 
     Args:
-        path: the file; of Excel its first sheet is read.
+        path: the file; an Excel file holds one sheet, beside empty ones.
         example: headings such a table may have, to tell a user whose file is empty.
         error: what is raised.
         short_rows: whether cells may be left out at the end of a row; they are empty then.
 
     Raises:
-        TableError: (or ``error``) the file cannot be read, is empty, or a row has more cells than there are headings
-            (or fewer).
+        TableError: (or ``error``) the file cannot be read, is empty, has several sheets, or a row has more cells than
+            there are headings (or fewer).
     """
     path = Path(path)
     if path.suffix.lower() in PARQUET_SUFFIXES:
@@ -146,8 +147,8 @@ def read_table(
     width = len(first)
     for line, cells in rows:
         if len(cells) > width or (len(cells) < width and not short_rows):
-            why = f"does line {heading_line} name every column?" if len(cells) > width else "is the row cut off?"
-            raise error(path, f"{len(cells)} cells for {width} columns; {why}", line)
+            why = f"; does line {heading_line} name every column?" if len(cells) > width else "; is the row cut off?"
+            raise error(path, f"{len(cells)} cells for {width} columns{_separators(first) or why}", line)
         cells.extend([""] * (width - len(cells)))
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     headings = tuple(str(cell).strip() for cell in first)
@@ -179,6 +180,13 @@ def number_in(cell: Any) -> float:
     return float(cell)
 
 
+def _separators(headings: Sequence[Any]) -> str:
+    """Return what may be wrong with a table of these headings, if they are a single one."""
+    if len(headings) == 1 and any(mark in str(headings[0]) for mark in ";\t"):
+        return " (columns must be parted by commas, and the decimal mark must be a point)"
+    return ""
+
+
 def _label(cell: Any) -> str:
     if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
         return ""
@@ -205,18 +213,29 @@ def _csv_rows(path: Path, error: type[TableError]) -> _Rows:
 
 
 def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
-    """Return the same of the first sheet of an Excel file."""
+    """Return the same of an Excel file, of whose sheets one holds something."""
     import pandas as pd
 
     try:
-        frame = pd.read_excel(path, header=None, dtype=object)
+        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object)
     except ImportError as problem:
         raise error(path, "Excel files need the package openpyxl: install it, or save the table as CSV") from problem
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
         raise error(path, f"cannot be read as Excel: {problem}") from problem
-    rows = [["" if pd.isna(cell) else cell for cell in row] for row in frame.itertuples(index=False)]
+    sheets = {name: rows for name, frame in frames.items() if (rows := _rows_of(frame.itertuples(index=False)))}
+    if len(sheets) > 1:
+        named = ", ".join(f"'{name}'" for name in sheets)
+        raise error(path, f"has the sheets {named}; keep the one with the table, or save that one as CSV")
+    return next(iter(sheets.values()), [])
+
+
+def _rows_of(sheet: Iterable[Sequence[Any]]) -> _Rows:
+    """Return line number and cells of every line of a sheet that holds something."""
+    import pandas as pd
+
+    rows = [["" if pd.isna(cell) else cell for cell in row] for row in sheet]
     return [(line, row) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
 
 

@@ -78,6 +78,8 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
 
 def parse_yaml(text: str, path: Path, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
     """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
+    if text.lstrip().startswith("<") and "<robot" in text:
+        raise error(path, f"is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it")
     try:
         content = _parsed(text)
     except MarkedYAMLError as problem:

@@ -48,8 +48,8 @@ def sweep(
 
     Raises:
         SweepFileError: the file is wrong.
-        BadInputError: a name in it does not fit the robot, the results are larger than the disk or what is kept of them
-            than the memory, or ``resume`` and ``overwrite`` are both asked for.
+        BadInputError: it is none of these, a name in it does not fit the robot, the results are larger than the disk
+            or what is kept of them than the memory, or ``resume`` and ``overwrite`` are both asked for.
         UnreachablePoseError: a pose is out of reach.
         SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
         SweepWorkerError: the cluster cannot be reached, or its workers fail.
@@ -58,6 +58,8 @@ def sweep(
     if isinstance(config, Path | str):
         config = SweepConfig.load(config)
     plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
+    if not isinstance(plan, SweepPlan):
+        raise BadInputError(f"a sweep is a SweepPlan, a SweepConfig or the path of a file, not a {type(plan).__name__}")
     store = run_sweep(
         plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
     )

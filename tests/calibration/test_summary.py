@@ -5,6 +5,7 @@ import json
 import pytest
 
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.checks.flags import DataFlag, FlagCode
 from pouring_robot.robot.heat_section import HeatSection
 
 
@@ -45,6 +46,8 @@ def test_warnings(found):
     worse = swapped(found, before=found.after, after=found.before)
     assert any("do not use this model" in line for line in warnings_of(worse))
     assert not any("do not use" in line for line in warnings_of(found))
+    other = DataFlag(FlagCode.ANOTHER_ROBOT, FlagCode.ANOTHER_ROBOT.severity, "names another", "mend")
+    assert "names another" in warnings_of(swapped(found, flags=(other,)))
     assert any("3.00 times the noise" in line for line in warnings_of(swapped(found, inflation=3.0)))
 
 

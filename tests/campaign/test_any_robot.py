@@ -27,9 +27,18 @@ def test_without_noise_two_frames_explain_what_the_drawing_would_give(name, tmp_
     measured.campaign.save(path)
     again = Campaign.read(path, robot.model.definition)
     assert again.metadata.robot == name
+    for told in (robot, robot.model, ROBOTS / name / "robot.yaml", str(ROBOTS / name / "robot.yaml")):
+        assert np.array_equal(Campaign.read(path, told).drives, again.drives)
     seen = OuterFrames(outer, inner).seen(nominal_poses(robot.drawing, again.drives))
     # Twice a closure to 1e-9 rad, seen over a platform of some decimetres, and the digits of the file.
     assert again.position_m == pytest.approx(seen.position_m, abs=5e-9)
+
+
+def test_a_campaign_is_of_a_robot_and_a_plan_of_whole_poses(tmp_path):
+    with pytest.raises(BadInputError, match="a model is a RobotModel or the path of its file, not a int"):
+        Campaign.read(tmp_path / "c.csv", 3)
+    with pytest.raises(BadInputError, match=r"a plan has 1 to 100000 poses, not 2\.5"):
+        random_plan(Robot.load(ROBOTS / "arm" / "robot.yaml"), 2.5, seed=1)
 
 
 def test_redundant_drives_are_not_simulated_from_commands():

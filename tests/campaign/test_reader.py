@@ -179,6 +179,10 @@ def test_says_that_the_yaml_is_missing(tmp_path):
         Campaign.read(path)
     path.with_suffix(".yml").write_text("robot: mine\n")
     assert Campaign.read(path).metadata.robot == "mine"
+    path.with_suffix(".yml").write_text("description: whose is not said\n")
+    unsaid = Campaign.read(path)
+    assert unsaid.metadata.robot is None
+    assert "robot" not in unsaid.contents(path)[path.with_suffix(".yaml")].decode()
 
 
 def test_parquet_equals_csv(tmp_path, real):

@@ -187,6 +187,7 @@ DAMAGES = {
     ],
     "too_few_rows": [lambda c: c.subset(range(12)), lambda c: c.subset(range(3)), lambda c: c.subset([0])],
     "one_pose": [lambda c: damaged(c, drives=lambda v: np.repeat(v[:1], len(v), axis=0))],
+    "another_robot": [lambda c: dataclasses.replace(c, metadata=c.metadata.model_copy(update={"robot": "other"}))],
     "ignored_columns": [lambda c: dataclasses.replace(c, ignored_columns=("operator",))],
     "outlier": [
         lambda c: damaged(c, position_m=lambda v: v + np.where(np.arange(len(v)) == 11, 0.015, 0.0)[:, None]),
@@ -365,6 +366,15 @@ def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
     twice = every_row_twice(clean.campaign)
     flags = check_campaign(twice, drawing.kinematics)
     assert outlier_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
+
+
+def test_copies_do_not_count_in_the_misfit(as_built, real):
+    rows = np.arange(len(real.campaign))
+    once, copied_too = (
+        examine(real.campaign.subset(chosen), as_built.kinematics).fit for chosen in (rows, np.r_[rows, [3] * 9])
+    )
+    assert copied_too.position_scale_m == pytest.approx(once.position_scale_m, rel=1e-6)
+    assert copied_too.rotation_scale_rad == pytest.approx(once.rotation_scale_rad, rel=1e-6)
 
 
 def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):

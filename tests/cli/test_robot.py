@@ -234,12 +234,21 @@ def test_a_mesh_that_may_not_be_read_leaves_no_file(run, tmp_path):
     assert not (tmp_path / "robot.yaml").exists()
 
 
+@pytest.mark.parametrize("declaration", ["", '<?xml version="1.0"?>\n'])
+def test_a_urdf_in_place_of_a_robot_file_says_how_to_make_one(run, tmp_path, declaration):
+    path = tmp_path / "arm.urdf"
+    path.write_text(declaration + ARM, encoding="utf-8")
+    mend = f"{path}: is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it"
+    for option in ("--robot", "--model"):
+        assert run("pose", option, path, "--drives", "1") == (2, "", f"pouring-robot: {mend}\n")
+
+
 def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     series = ROOT / "examples" / "machines" / "ur10" / "series_c.csv"
     code, _, err = run("campaign", "check", series)
     assert code == 2
     assert "is a campaign of the robot 'ur10', and was read as one of 'pouring_robot'; name its robot file" in err
-    assert "(--robot; in Python the argument robot" in err
+    assert "(--robot; in Python the argument robot, its path)" in err
     assert err.count("\n") == 1
 
 

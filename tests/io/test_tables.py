@@ -47,14 +47,45 @@ def test_poses_from_parquet(tmp_path):
         read_pose_lines(tmp_path / "two.parquet")
 
 
-def test_the_first_sheet_of_an_excel_file(tmp_path, monkeypatch):
+def excel(monkeypatch, **sheets):
+    """Have any Excel file hold these sheets, rows of cells each."""
+    frames = {name: pd.DataFrame(rows, dtype=object) for name, rows in sheets.items()}
+    monkeypatch.setattr(pd, "read_excel", lambda path, sheet_name, header, dtype: frames)
+
+
+def test_the_one_sheet_of_an_excel_file_that_is_not_empty(tmp_path, monkeypatch):
     rows = [["x_mm", "y_mm", "z_mm", "tilt_deg"], [-100, 20, -600.0, 30], [None] * 4, [0, 0, "low", 0]]
-    monkeypatch.setattr(pd, "read_excel", lambda path, header, dtype: pd.DataFrame(rows, dtype=dtype))
+    excel(monkeypatch, blank=[[None, " "]], poses=rows, Sheet3=[])
     table = read_table(tmp_path / "poses.xlsx", "x_mm")
     assert table.lines.tolist() == [2, 4]
     assert table.numbers(0).tolist() == [-100.0, 0.0]
     with pytest.raises(TableError, match="line 4, column z_mm: 'low'"):
         table.numbers(2)
+
+
+def test_an_excel_file_of_several_sheets_is_refused_and_of_none_is_empty(tmp_path, monkeypatch):
+    excel(monkeypatch, readme=[["about"]], one=[["x_mm"], [1]], blank=[])
+    with pytest.raises(TableError, match=r"has the sheets 'readme', 'one'; keep the one with the table, or save"):
+        read_table(tmp_path / "poses.xlsx", "x_mm")
+    excel(monkeypatch, blank=[])
+    with pytest.raises(TableError, match="is empty; line 1 must name the columns"):
+        read_table(tmp_path / "poses.xlsx", "x_mm")
+
+
+def test_semicolons_and_decimal_commas_are_told(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("x_mm;y_mm\n1,5;2,5\n")
+    with pytest.raises(TableError, match=r"line 2: 3 cells for 1 columns \(columns must be parted by commas, and the"):
+        read_table(path, "x_mm")
+    path.write_text('x_mm,y_mm\n"-2658,2581","1,2,3"\n')
+    table = read_table(path, "x_mm")
+    for read in (table.numbers, table.sparse_numbers):
+        with pytest.raises(
+            TableError, match=r"column x_mm: '-2658,2581' is no number: its decimal mark must be a point"
+        ):
+            read(0)
+        with pytest.raises(TableError, match=r"column y_mm: '1,2,3' is not a"):
+            read(1)
 
 
 def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):

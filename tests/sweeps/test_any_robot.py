@@ -38,6 +38,8 @@ def test_small_errors_alone_do_what_first_order_says(name, tmp_path):
 
 def test_processes_and_resumed_runs_agree(tmp_path):
     plan = plan_of(tmp_path, "five_bar", "monte_carlo", "samples: 12\nchunk: 10\n")
+    with pytest.raises(BadInputError, match="a sweep is a SweepPlan, a SweepConfig or the path of a file, not a None"):
+        sweep(None, tmp_path / "none")
     alone = sweep(plan, tmp_path / "a").to_dataset().displacement.values
     shared = sweep(plan, tmp_path / "b", workers=2).to_dataset().displacement.values
     np.testing.assert_array_equal(alone, shared)

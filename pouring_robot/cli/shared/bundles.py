@@ -153,7 +153,8 @@ class Under:
     ) -> tuple[list[Robot], tuple[str, ...]]:
         """Return the robot as it stands at each command, and what one should know of the conditions.
 
-        Commands are by the line of their table ``poses``, if they are from one.
+        Commands are by the line of their table ``poses``, if they are from one; if not, a line on standard error says
+        which conditions change nothing.
         """
         import numpy as np
 
@@ -164,6 +165,9 @@ class Under:
         for line, command in commands.items():
             with at_line(poses, line):
                 drives.append(robot.drives_of(command))
+        if poses is None and (idle := ", ".join(under.idle(np.array(drives)))):
+            same = f"without --condition {idle} the robot stands the same"
+            options.note(f"{same}: no effect of the model goes by it here")
         return under.robots(np.array(drives)), under.notes
 
 
