@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.families.drives import Scale
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
@@ -89,11 +90,26 @@ def test_orders_of_a_joint_are_said_together():
     robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
     effect = all_effects(robot)["joint_periodic"]
     first = robot.drives[0].symbol
-    said = effect.in_words({f"{first}_sine_2": 3.0, f"{first}_cosine_2": -4.0})
+    said = effect.in_words({f"{first}_sine_2": 3.0, f"{first}_cosine_2": -4.0}, {})
     assert len(said) == len(robot.drives)
     assert "3.536 mrad rms" in said[0]
     assert said[0].endswith("2 (5.000)")
     assert all("0.000 mrad rms" in line for line in said[1:])
+
+
+@pytest.mark.parametrize(("known_to", "lead", "more"), [
+    (1.0, "+98 ± 12 ppm off at zero, +40 ± 24 ppm more a metre", "5.000490 ± 0.000059 mm a turn"),
+    (10.0, "+0.010 ± 0.012 % off at zero, +0.004 ± 0.024 % more a metre", "5.00049 ± 0.00059 mm a turn"),
+])  # fmt: skip
+def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
+    drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
+    values = {f"{drive.symbol}_scale": 0.098, f"{drive.symbol}_progression": 0.020}  # mm/m, mm/m²
+    stds = dict.fromkeys(values, 0.006 * known_to)
+    (said,) = Scale("drive_scale", "", (drive,), build_up=True).in_words(values, stds)
+    assert said == f"{drive.words}: its lead is {lead} (95 %)"
+    by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
+    (said,) = Scale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
+    assert said.startswith(f"{drive.words}: its lead is {lead}, or {more}, ")
 
 
 def yields(folder, efforts):
