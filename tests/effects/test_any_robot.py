@@ -12,9 +12,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
-from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.families.drives import Scale
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
 from tests.examples.campaigns import write
@@ -64,6 +65,22 @@ def test_all_but_forces_without_a_stated_load_can_be_tested(rows):
     given = rows.conditions
     lacking = {effect.id.partition(".")[0] for effect in all_effects(given.robot).values() if effect.missing(given)}
     assert lacking <= {"drive_compliance"}
+
+
+def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
+    given, effects = rows.conditions, all_effects(rows.conditions.robot)
+    entries, testable = [], {name for name, effect in effects.items() if not effect.missing(given)}
+    for name in testable:
+        form = effects[name].forms(given)[0]
+        parameters = {p.name: ParameterEntry(value=1.0, unit=p.unit) for p in form.parameters}
+        entries.append(EffectEntry(effect=name, form=form.name, learned="here", parameters=parameters))
+    learned = {"here": learned_in(rows.campaign, given)}
+    found = rows.not_told_by_commands(rows.model.model_copy(update={"effects": entries, "learned": learned}))
+    by_command = {"drive_zero_offset", "drive_scale", "drive_periodic", "joint_periodic", "joint_placement"}
+    by_command |= {"metrology_scale"}  # which does nothing to a command
+    if not np.any(given.drive_force):
+        by_command.add("drive_compliance")  # weight loads none of the drives
+    assert {*found} == {name for name in testable if name.partition(".")[0] not in by_command}
 
 
 def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
