@@ -118,6 +118,10 @@ class Effect(ABC):
         """
         return {}
 
+    def acts(self, conditions: Conditions) -> bool:
+        """Return whether it could ever move this robot, whatever else was varied; by default it could."""
+        return True
+
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""
         return tuple(name for name in self.needs if conditions.value(name) is None)

@@ -67,6 +67,16 @@ def test_all_but_forces_without_a_stated_load_can_be_tested(rows):
     assert lacking <= {"drive_compliance"}
 
 
+def test_drives_that_stand_upright_yield_under_no_weight(rows):
+    """Those of the five-bar turn about the vertical: neither links nor a load put a moment on them, in any pose."""
+    given, effect = rows.conditions, all_effects(rows.conditions.robot)["drive_compliance"]
+    assert effect.acts(given) == (given.robot.name != "five_bar")
+    # What it might carry counts, whether it was told what it carries or has links that weigh.
+    told_nothing = replace(rows.campaign, conditions={})
+    again = CampaignRows(told_nothing, rows.model, NOISE).conditions
+    assert effect.acts(replace(again, drive_force=None)) == effect.acts(given)
+
+
 def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
     given, effects = rows.conditions, all_effects(rows.conditions.robot)
     entries, testable = [], {name for name, effect in effects.items() if not effect.missing(given)}
