@@ -21,6 +21,7 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.weight import by_a_newton
 from pouring_robot.robot.description.causes import Causes
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
@@ -337,17 +338,12 @@ def _loads(
     if place is None:
         return None, nominal.own_force, None, {}
     arm = nominal.rotation @ np.array(place)
-
-    def by_weight(moved: FloatArray) -> FloatArray:
-        lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
-        return np.asarray(-np.einsum("c,ncd->nd", nominal.up, lifted))
-
-    share = by_weight(nominal.by_drive)
+    share = by_a_newton(nominal.up, nominal.by_drive, arm)
     if tare is None or payload_kg is None:
         return None, nominal.own_force, share, {}
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    moments = dict(zip(nominal.turns, (weight[:, None] * by_weight(nominal.by_turn)).T, strict=True))
+    moments = dict(zip(nominal.turns, (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T, strict=True))
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 
