@@ -15,6 +15,7 @@ from pouring_robot.robot.description.definition import Drive
 
 _LATER = 0.2
 _LEAST = 1e-4
+"""Share of the usual force, or of a newton carried, below which weight is taken to put none on a drive."""
 _OWN = 0.5
 """By how much one drive may be softer than the others."""
 _ORDERS = 6
