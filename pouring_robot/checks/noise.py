@@ -5,8 +5,9 @@ Of one measured component of n rows, let r be what the nominal robot and the two
     r ~ N(0, σ² (f² I + t² Z Zᵀ)),  frames free,
 
 where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
-base and drives with every condition and side of approach, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the
-noise; f and t are found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
+base and drives with every condition and side of approach, and drives under what weight puts on them, 1 mm and 1 mrad
+each over σ. What it leaves over is f σ, the noise; f and t are found by maximum likelihood, and f = 1 is judged by the
+likelihood ratio.
 """
 
 import math
@@ -18,6 +19,7 @@ import scipy.linalg
 import scipy.optimize
 from scipy.special import chdtri
 
+from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
@@ -25,7 +27,9 @@ from pouring_robot.checks.outliers import joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 
 FALSE_ALARMS = 1e-3
@@ -33,6 +37,7 @@ FALSE_ALARMS = 1e-3
 LEAST_FACTOR = 2.0
 """A data sheet's figure is not better known."""
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
+_ROUND_OFF = 1e-6  # N and Nm
 _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 
@@ -77,12 +82,12 @@ def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Frame
     moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
-    by_condition = np.concatenate(
-        [frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), drives * units[: drives.shape[2]]], axis=2
-    )
+    yielding = drives * units[: drives.shape[2]]
+    by_condition = np.concatenate([frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), yielding], axis=2)
     smooth = [moved * units, *(by_condition * values[:, None, None] for values in _conditions(campaign, rows))]
     if campaign.approach is not None:
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
+    smooth += [yielding * force[:, None] for force in _by_weight(campaign, drawing, data.drives[rows], rows)]
     causes = np.concatenate(smooth, axis=2)
     stated = campaign.metadata
     residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
@@ -120,6 +125,23 @@ def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_driv
     ratio = 2.0 * (float(as_stated.fun) - free_cost)
     sure = log_factor > 0.0 and ratio > float(chdtri(1, 2.0 * FALSE_ALARMS))
     return Scatter(math.exp(log_factor), sure, by_drives)
+
+
+def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Rows) -> Iterator[FloatArray]:
+    """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
+    robot, engine = campaign.robot, engine_for(drawing.mechanism)
+    closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
+    hangs = robot.file.payload_frame or str(mechanism.loops.end_frame)
+    place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(hangs).translation
+    moved = engine.transfer(closed, drive_parameters(mechanism)).matrix
+    share = by_a_newton(up_in_base(mechanism), moved, closed.rotation @ np.array(place))
+    forces = [own_force(mechanism, engine.structure.joint_values(closed.joints), len(rows)), share]
+    loads = campaign.conditions.get("payload")
+    if loads is not None and np.isfinite(loads[rows]).any():
+        forces.append(share * np.where(np.isfinite(loads[rows]), loads[rows], np.nanmean(loads[rows]))[:, None])
+    for force in forces:
+        # Where weight puts nothing, round-off must not be made large: it would pass for noise.
+        yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)
 
 
 def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:

@@ -84,3 +84,9 @@ class Findings:
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
         """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""
         return effect.by_name(self.diagnoser.library.forms)
+
+    def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
+        """Return what the parameters of an effect say together, a sentence each."""
+        found = self.parameters_of(effect)
+        values, stds = ({name: getattr(p, which) for name, p in found} for which in ("value", "std"))
+        return self.diagnoser.library.effects[effect.cause.effect].in_words(values, stds)

@@ -116,7 +116,7 @@ def disagreements_of(places: Places) -> Iterator[Process]:
     """Yield how each component of the measured body may be off, in the axes of the base, and what one drive can do.
 
     Each is a process of its own, so that what one component shows is not diluted by the others. A drive's own value
-    counts in waves that are short against its stroke: the rest is a matter of pose.
+    counts on scales that are short against its stroke: the rest is a matter of pose.
     """
     given, found = places.given, []
     for by, lengths in (*_of_one_condition(places.given), *_of_pose(places.given, {"": (1.2, 40)})):
@@ -129,9 +129,9 @@ def disagreements_of(places: Places) -> Iterator[Process]:
         if given.approach is not None:
             side = _USUAL * given.approach[:, k : k + 1]
             yield _moved(drive.words, SIDE, [one], {"": _without_mean(side)})
-        waves = _waves(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True)
-        lengths = {words: _without_mean(parts[0].course) for words, parts in waves.lengths.items()}
-        yield _moved(drive.words, waves.by, [one], lengths)
+        varying = _varying(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True)
+        lengths = {words: _without_mean(parts[0].course) for words, parts in varying.lengths.items()}
+        yield _moved(drive.words, varying.by, [one], lengths)
 
 
 def _without_mean(course: FloatArray) -> FloatArray:
@@ -195,24 +195,24 @@ def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Leng
 
 
 def _of_own_value(places: Places) -> Iterator[Process]:
-    """Yield what each drive may do by its own value: waves of any length, sag by length and lean."""
+    """Yield what each drive may do by its own value: smoothly on any scale, sag by length and lean."""
     given, of_drive = places.given, dict(zip(places.given.robot.drives, places.drives, strict=True))
     for group, drives in given.robot.groups.items():
         name, slides = given.causes.words.groups.get(group, group), drives[0].unit == "m"
         values = [(of_drive[d], given.drives[:, k]) for d, k in zip(drives, given.places(drives), strict=True)]
-        yield replace(_waves(name, values, slides), same_as=_as_general(given, drives))
+        yield replace(_varying(name, values, slides), same_as=_as_general(given, drives))
         if slides:
             yield from _by_lean(given, name, drives, of_drive)
 
 
-def _waves(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: bool, *, short: bool = False) -> Process:
-    """Return the process that each channel follows its own values (n,), in waves of any length (or short ones)."""
+def _varying(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: bool, *, short: bool = False) -> Process:
+    """Return the process that each channel follows its own values (n,), smoothly on any scale (or short ones)."""
     lengths, unit = (_SLIDE_LENGTHS_M, "mm") if slides else (_TURN_LENGTHS_RAD, "mrad")
-    waves = {
-        f"waves of {1e3 * s:g} {unit}": tuple(Part(c, _USUAL * smooth(v, s, most=70)) for c, v in values)
+    scales = {
+        f"{1e3 * s:g} {unit}": tuple(Part(c, _USUAL * smooth(v, s, most=70)) for c, v in values)
         for s in lengths[1 if short else 0 :]
     }
-    return Process(where, "own length" if slides else "own angle", waves)
+    return Process(where, "own length" if slides else "own angle", scales)
 
 
 def _by_lean(

@@ -205,6 +205,32 @@ class CampaignRows:
             ) from problem
         return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found])), untold
 
+    def not_told_by_commands(self, model: RobotModel) -> tuple[str, ...]:
+        """Return the effects of a model of which commands alone do not tell what they do in these rows, by id.
+
+        What belongs to the measuring device does nothing to a command.
+        """
+        bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
+
+        def counted(learned: LearnedCampaign | None) -> Conditions:
+            known = conditions_of(bare, self._nominal, learned)
+            # The order of rows stands for time in the campaign itself only.
+            return replace(known, time_known=learned is not None and not learned.timed)
+
+        found = []
+        for effect in model.conditional:
+            alone = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
+            whole, _ = stack_of(alone, told(self.campaign), self._counted, seen=False)
+            try:
+                by_command, _ = stack_of(alone, told(bare), counted, seen=False)
+            except MissingConditionsError:
+                found.append(effect)
+                continue
+            ours, theirs = (local_changes(*zip(*some, strict=True)) if some else {} for some in (whole, by_command))
+            if any(not np.array_equal(change, theirs[name]) for name, change in ours.items()):
+                found.append(effect)
+        return tuple(found)
+
     def _counted(self, learned: LearnedCampaign | None) -> Conditions:
         return conditions_of(self.campaign, self._nominal, learned) if learned else self.conditions
 

@@ -17,6 +17,7 @@ changes put in. What is not linear (a time constant, a power) tells *forms* of t
 See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ import numpy as np
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import Z95, FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
@@ -103,10 +104,10 @@ class Effect(ABC):
         """
         return ()
 
-    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+    def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
         """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
 
-        ``values`` are those of the parameters found, by name, each in its unit.
+        ``values`` are those of the parameters found, by name, each in its unit; ``stds`` their standard deviations.
         """
         return ()
 
@@ -116,6 +117,10 @@ class Effect(ABC):
         By part, in words; by default what was learned holds everywhere.
         """
         return {}
+
+    def acts(self, conditions: Conditions) -> bool:
+        """Return whether it could ever move this robot, whatever else was varied; by default it could."""
+        return True
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""
@@ -131,6 +136,14 @@ class Effect(ABC):
         if name not in found:
             raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
         return found[name]
+
+
+def value_and_half_width(value: float, std: float) -> tuple[str, str]:
+    """Return a value and its 95 % half width as text, two digits of the latter."""
+    half = Z95 * std
+    digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
+    digits = min(max(digits, 0), 6)
+    return f"{value:+.{digits}f}", f"{half:.{digits}f}"
 
 
 def not_for(robot: RobotDefinition) -> str:

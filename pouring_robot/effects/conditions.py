@@ -21,6 +21,7 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.weight import by_a_newton
 from pouring_robot.robot.description.causes import Causes
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
@@ -75,7 +76,8 @@ class Conditions:
     # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
     # puts there.
     drive_force: FloatArray | None = None
-    force_by_weight: FloatArray | None = None  # what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N
+    # what a newton of weight at tool and payload puts there, or would, (n, D), in N/N and Nm/N; None: nobody says where
+    force_by_weight: FloatArray | None = None
     # moment that :attr:`weight_n` puts on each joint of closed loops, by the local parameter that turns it, (n,), in Nm
     joint_moments: Mapping[str, FloatArray] = field(default_factory=dict)
     rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
@@ -330,23 +332,18 @@ def _loads(
 
     Last, what the weight carried puts on joints of closed loops.
     """
-    if payload_kg is None:
-        return None, nominal.own_force, None, {}
     tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
-    if tare is None or place is None:
-        return None, None, None, {}
-    weight = (tare + payload_kg) * GRAVITY_M_S2
+    if place is None:
+        return None, nominal.own_force, None, {}
     arm = nominal.rotation @ np.array(place)
-
-    def by_weight(moved: FloatArray) -> FloatArray:
-        lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
-        return np.asarray(-np.einsum("c,ncd->nd", nominal.up, lifted))
-
-    share = by_weight(nominal.by_drive)
+    share = by_a_newton(nominal.up, nominal.by_drive, arm)
+    if tare is None or payload_kg is None:
+        return None, nominal.own_force, share, {}
+    weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    moments = dict(zip(nominal.turns, (weight[:, None] * by_weight(nominal.by_turn)).T, strict=True))
+    moments = dict(zip(nominal.turns, (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T, strict=True))
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 

@@ -17,7 +17,7 @@ class Dexterity:
     """How well the drives command the end body; lengths and angles compared through ``length_m``."""
 
     condition: float  # condition number of the scaled Jacobian (1 is best)
-    # the nearer kind; ``serial``: the platform loses a freedom, ``parallel``: it gains one
+    # the nearer kind; ``serial``: the end body loses a freedom, ``parallel``: it gains one, which takes a loop
     singularity: Literal["serial", "parallel"]
     # smallest factor between task and drive motion, or its inverse, whichever is smaller; zero is singular
     distance: float
@@ -49,6 +49,7 @@ def dexterity(
     length_m: float,
     rows: Sequence[int] = range(6),
     redundant: int = 0,
+    closed: bool = True,
 ) -> Dexterity:
     """Return condition and distance to singularity of what the drives command.
 
@@ -60,12 +61,13 @@ def dexterity(
         rows: of the end body's twist that count; by default all six.
         redundant: by how many the drives outnumber the freedoms: in so many directions they strain the parts and move
             nothing, which is no singularity.
+        closed: whether the robot has loops; without one there is no parallel singularity.
     """
     scales = np.where(np.array(rows) < 3, 1.0, length_m)
     task = jacobian[list(rows)] * scales[:, None]
     task[:, [not is_length for is_length in prismatic]] /= length_m
     factors = np.linalg.svd(task, compute_uv=False)[: len(prismatic) - redundant]
     smallest, largest = float(factors[-1]), float(factors[0])
-    if smallest <= 1.0 / largest:
+    if not closed or smallest <= 1.0 / largest:
         return Dexterity(largest / smallest if smallest else np.inf, "serial", smallest, length_m)
     return Dexterity(largest / smallest, "parallel", 1.0 / largest, length_m)

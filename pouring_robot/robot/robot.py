@@ -309,7 +309,8 @@ class Robot:
         mechanism = self.actual_solver.mechanism
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
         moved = closed_chain_transfer(self.actual_solver, location.actual, drive_parameters(mechanism)).matrix
-        return dexterity(moved, prismatic, self._length_m(location), self._task_rows, redundant_drives(mechanism))
+        redundant, closed = redundant_drives(mechanism), bool(mechanism.loops.loops)
+        return dexterity(moved, prismatic, self._length_m(location), self._task_rows, redundant, closed)
 
     _task_rows: Sequence[int] = range(6)
 

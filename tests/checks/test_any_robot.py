@@ -11,7 +11,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign, examine
-from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.checks.flags import FlagCode, outlier_rows
+from pouring_robot.cli.app import main
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import codes, damaged
@@ -141,6 +142,29 @@ def test_mirrored_axes(machine, full):
         (flag,) = flags
         assert flag.code in ("mirrored_axes", "frames_swapped", "drives_exchanged")
         assert "left-handed" in flag.message
+
+
+SAGGING = """format: pouring_robot/model/1
+robot: {robot}
+effects:
+  - effect: drive_compliance
+    form: spring
+    learned: by_hand
+    parameters: {{q2_yield: {{value: 1.5, unit: mrad at 100 Nm}}}}
+learned: {{by_hand: {{sessions: {{"1": 1}}, mean_span_m: [0, 0, 0, 0, 0, 0], reference_temperature_degC: 20}}}}
+"""
+
+
+@pytest.mark.parametrize(("stated_mm", "too_small"), [(0.05, False), (0.015, True)])
+def test_sag_under_its_own_weight_is_no_noise(tmp_path, stated_mm, too_small):
+    (tmp_path / "sagging.yaml").write_text(SAGGING.format(robot=EXAMPLES / "robots" / "arm" / "robot.yaml"))
+    model, table = tmp_path / "sagging.yaml", tmp_path / "c.csv"
+    assert main(["campaign", "simulate", "--random", "160", "--model", str(model), "--out", str(table), "-q"]) == 0
+    robot = RobotDefinition.load(EXAMPLES / "robots" / "arm" / "robot.yaml")
+    campaign = Campaign.read(table, robot)
+    sigmas = {"sigma_position_m": 1e-3 * stated_mm, "sigma_rotation_rad": 1e-3 * stated_mm}
+    campaign = dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update=sigmas))
+    assert (FlagCode.NOISE_TOO_SMALL in {flag.code for flag in check_campaign(campaign, robot.drawing())}) == too_small
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.report.sentences import measurement_text
+from pouring_robot.diagnosis.report.sentences import measurement_text, next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
 from pouring_robot.diagnosis.suggest.candidates import EndPose, Prospect, candidates
@@ -29,6 +29,8 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from tests.diagnosis.remeasured import Machine
+from tests.examples.campaigns import write
+from tests.examples.machines import MACHINES
 from tests.rig import make_campaign, write_case
 from tests.support import ROOT
 
@@ -201,6 +203,14 @@ def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path
     assert found.measurements and found.separations
     assert found.expected_nats > np.median(found.random_nats)
     assert all(s.first != s.second for s in found.separations)
+
+
+def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_path):
+    write(tmp_path, MACHINES["five_bar"], seed=3, effect="null")
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
+    found = diagnose(Campaign.read(tmp_path / "campaign.csv", model.definition).subset(np.arange(40)), model)
+    hidden = [line for line in next_lines(found) if line.startswith("could be there and not show: ")]
+    assert hidden and not any("drive_compliance" in line or "empty and full" in line for line in hidden)
 
 
 def test_columns_that_new_rows_do_not_change_are_held_once(confounded):

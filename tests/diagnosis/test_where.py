@@ -166,6 +166,21 @@ def test_side_of_one_drive_is_found_on_that_drive():
     assert item.component == "l2"
 
 
+@pytest.mark.parametrize(("waves", "said"), [(0.0, "on a scale of 50 mm or more"), (4.0, "on a scale of 20 mm")])
+def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
+    """What is looked for is smooth on a scale: a straight line is, and nothing of it returns."""
+    rng = np.random.default_rng(7)
+    given = scene(rng)
+    drives, along = given.drives.copy(), rng.random(len(given))
+    drives[:, 1] = 0.2 * along
+    given = dataclasses.replace(given, drives=drives)
+    data = seen(rng, given)
+    course = np.sin(2.0 * np.pi * waves * along) if waves else along - 0.5
+    data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 3e-4 * course[data.row])
+    (item,) = [f for f in disagreements(data, given).findings if f.what == "condition"]
+    assert item.sentence.startswith(f"Varies along its own length, {said}: leg 2 by ")
+
+
 def test_a_region_is_named_in_words_and_repeats_do_not_object():
     rng = np.random.default_rng(8)
     given = scene(rng, 120, 40)

@@ -12,8 +12,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
-from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.conditions import Conditions, learned_in
+from pouring_robot.effects.families.drives import Scale
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
 from tests.examples.campaigns import write
@@ -65,6 +67,32 @@ def test_all_but_forces_without_a_stated_load_can_be_tested(rows):
     assert lacking <= {"drive_compliance"}
 
 
+def test_drives_that_stand_upright_yield_under_no_weight(rows):
+    """Those of the five-bar turn about the vertical: neither links nor a load put a moment on them, in any pose."""
+    given, effect = rows.conditions, all_effects(rows.conditions.robot)["drive_compliance"]
+    assert effect.acts(given) == (given.robot.name != "five_bar")
+    # What it might carry counts, whether it was told what it carries or has links that weigh.
+    told_nothing = replace(rows.campaign, conditions={})
+    again = CampaignRows(told_nothing, rows.model, NOISE).conditions
+    assert effect.acts(replace(again, drive_force=None)) == effect.acts(given)
+
+
+def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
+    given, effects = rows.conditions, all_effects(rows.conditions.robot)
+    entries, testable = [], {name for name, effect in effects.items() if not effect.missing(given)}
+    for name in testable:
+        form = effects[name].forms(given)[0]
+        parameters = {p.name: ParameterEntry(value=1.0, unit=p.unit) for p in form.parameters}
+        entries.append(EffectEntry(effect=name, form=form.name, learned="here", parameters=parameters))
+    learned = {"here": learned_in(rows.campaign, given)}
+    found = rows.not_told_by_commands(rows.model.model_copy(update={"effects": entries, "learned": learned}))
+    by_command = {"drive_zero_offset", "drive_scale", "drive_periodic", "joint_periodic", "joint_placement"}
+    by_command |= {"metrology_scale"}  # which does nothing to a command
+    if not np.any(given.drive_force):
+        by_command.add("drive_compliance")  # weight loads none of the drives
+    assert {*found} == {name for name in testable if name.partition(".")[0] not in by_command}
+
+
 def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
     """Of every form one parameter, drawn, and its first."""
     linear = rows.linearise(rows.unchanged(), rows.frames)
@@ -89,11 +117,26 @@ def test_orders_of_a_joint_are_said_together():
     robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
     effect = all_effects(robot)["joint_periodic"]
     first = robot.drives[0].symbol
-    said = effect.in_words({f"{first}_sine_2": 3.0, f"{first}_cosine_2": -4.0})
+    said = effect.in_words({f"{first}_sine_2": 3.0, f"{first}_cosine_2": -4.0}, {})
     assert len(said) == len(robot.drives)
     assert "3.536 mrad rms" in said[0]
     assert said[0].endswith("2 (5.000)")
     assert all("0.000 mrad rms" in line for line in said[1:])
+
+
+@pytest.mark.parametrize(("known_to", "lead", "more"), [
+    (1.0, "+98 ± 12 ppm off at zero, +40 ± 24 ppm more a metre", "5.000490 ± 0.000059 mm a turn"),
+    (10.0, "+0.010 ± 0.012 % off at zero, +0.004 ± 0.024 % more a metre", "5.00049 ± 0.00059 mm a turn"),
+])  # fmt: skip
+def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
+    drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
+    values = {f"{drive.symbol}_scale": 0.098, f"{drive.symbol}_progression": 0.020}  # mm/m, mm/m²
+    stds = dict.fromkeys(values, 0.006 * known_to)
+    (said,) = Scale("drive_scale", "", (drive,), build_up=True).in_words(values, stds)
+    assert said == f"{drive.words}: its lead is {lead} (95 %)"
+    by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
+    (said,) = Scale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
+    assert said.startswith(f"{drive.words}: its lead is {lead}, or {more}, ")
 
 
 def yields(folder, efforts):

@@ -148,6 +148,9 @@ def test_dexterity_of_known_jacobians():
     # The tilt row is scaled up and the angular drive's column down by the length, so 0.5 stays.
     assert (serial.condition, serial.singularity) == (pytest.approx(8.0), "parallel")
     assert serial.distance == pytest.approx(0.25)
+    # Without loops nothing can gain a freedom, however near its inverse is.
+    tree = dexterity(platform, (True, True, True, False), 0.4, TASK_ROWS, closed=False)
+    assert (tree.condition, tree.singularity, tree.distance) == (serial.condition, "serial", pytest.approx(0.5))
     platform[4, 3] = 0.1
     nearer = dexterity(platform, (True, True, True, False), 0.4, TASK_ROWS)
     assert (nearer.singularity, nearer.distance) == ("serial", pytest.approx(0.1))

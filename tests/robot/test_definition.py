@@ -104,6 +104,13 @@ def test_drives_have_columns_units_and_gears(arm):
     assert reach.factor * 2.0 * math.pi == pytest.approx(0.010, rel=1e-15)
 
 
+def test_a_robot_without_loops_is_near_no_parallel_singularity(arm):
+    """Stretched far, its tip goes far for a small turn; it can only lose a freedom, none can appear."""
+    robot = Robot.load(arm)
+    found = robot.dexterity(robot.location_at([0.2, 0.4]))
+    assert (found.singularity, found.distance) == ("serial", pytest.approx(1.0))
+
+
 @pytest.mark.parametrize(("home", "rails"), [("", 0.0), ("rails: 2.5, ", 2.5)])
 def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rails):
     """The hook has the freedoms of its drives, wherever the bridge stands; the wire is as long as Pythagoras says."""

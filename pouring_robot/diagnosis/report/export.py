@@ -166,7 +166,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
     cause = effect.cause
     moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
     found = diagnosis.parameters_of(effect)
-    together = diagnosis.diagnoser.library.effects[cause.effect].in_words({name: p.value for name, p in found})
+    together = diagnosis.in_words(effect)
     return {
         "effect": cause.effect,
         "alternatives": list(cause.alternatives),

@@ -48,7 +48,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
     lines += _minor_lines(diagnosis)
-    stays = diagnosis.amended.conditional
+    stays = diagnosis.rows.not_told_by_commands(diagnosis.amended)
     if stays:
         lines.append(
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "

@@ -12,9 +12,9 @@ from pouring_robot.diagnosis.report.sentences import (
     plain,
     sections,
     tells_most,
-    value_and_half_width,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
@@ -80,7 +80,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     rows = [
         (
             plain(name),
-            *value_and_half_width(found),
+            *value_and_half_width(found.value, found.std),
             found.parameter.unit,
             ", ".join(
                 word
@@ -101,7 +101,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     nearest = effect in diagnosis.nearest
     title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
     folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""
-    together = diagnosis.diagnoser.library.effects[cause.effect].in_words({name: p.value for name, p in named})
+    together = diagnosis.in_words(effect)
     said = [Lines(list(together))] if together else []
     return [Heading(title, 3), Paragraph(words), *said, Table(_PARAMETER_HEAD, rows, folded)]
 

@@ -13,11 +13,11 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
-from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
@@ -135,8 +135,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
     every = diagnosis.parameters_of(effect)
-    known = diagnosis.diagnoser.library.effects[cause.effect]
-    together = known.in_words({name: found.value for name, found in every})
+    together = diagnosis.in_words(effect)
     if together:
         return [*lines, *together]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
@@ -157,16 +156,8 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
 
 def parameter_text(name: str, found: FoundParameter) -> str:
     """Return a parameter with its 95 % half width and unit."""
-    value, half = value_and_half_width(found)
+    value, half = value_and_half_width(found.value, found.std)
     return f"{plain(name)} {value} ± {half} {found.parameter.unit}"
-
-
-def value_and_half_width(found: FoundParameter) -> tuple[str, str]:
-    """Return a parameter's value and its 95 % half width, two digits of the latter."""
-    half = Z95 * found.std
-    digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
-    digits = min(max(digits, 0), 6)
-    return f"{found.value:+.{digits}f}", f"{half:.{digits}f}"
 
 
 def apart_lines(diagnosis: Conclusions) -> list[str]:

@@ -46,13 +46,16 @@ def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
     causes, verdict = diagnosis.judgement.causes, diagnosis.judgement.verdict
     if verdict == "unknown":
         return _against_first(_descriptions(diagnosis, prospect, best))
+    effects, given = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
+    # What can never move this robot is told from nothing by no measurement.
+    idle = {name for name, effect in effects.items() if not effect.missing(given) and not effect.acts(given)}
     if not causes:
-        return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect)])
+        return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect, idle)])
     found = []
     for cause in sorted(causes, key=lambda c: c.probability):
         wanted = cause.alternatives if verdict == "group" else None
         if wanted != ():
-            found.append((Contender.of(cause.effect, best), _rivals(best, cause, wanted)))
+            found.append((Contender.of(cause.effect, best), _rivals(best, cause, wanted, idle)))
     contenders = [first for first, _ in found]
     pairs = []
     room = max(1, MOST_RIVALS // len(found))
@@ -76,9 +79,9 @@ def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
     return replace(rest, levels=tuple(0 if b.effect == cause.effect else level for level, b in pairs))
 
 
-def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None) -> list[Contender]:
+def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle: Collection[str]) -> list[Contender]:
     """Return other effects in the place of a cause, best first: the wanted ones or, by default, the next best."""
-    rest, effects = _less(best, cause), best.rivals - {cause.effect}
+    rest, effects = _less(best, cause), best.rivals - {cause.effect, *idle}
     forms = list(rest.best_forms(effects if wanted is None else effects & {*wanted}).values())[:MOST_RIVALS]
     found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in forms]
     return sorted(found, key=lambda c: -c.log_evidence)
@@ -103,11 +106,11 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
 
 
-def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
+def _hidden(best: Hypothesis, prospect: Prospect, idle: Collection[str]) -> list[Contender]:
     """Return the effects that would be seen least if they were as large as usual: those tested worst."""
     seen: dict[str, tuple[float, Explanation]] = {}
     for item in prospect.problem.explanations:
-        if not item.cause or item.effect in seen:
+        if not item.cause or item.effect in seen or item.effect in idle:
             continue  # the usual form of an effect comes first
         inner, _ = best.everything.of(best.problem.places(item))
         worth = 0.5 * float(np.linalg.slogdet(np.eye(len(inner)) + inner)[1])

@@ -84,7 +84,9 @@ def _opening(main: Summand, given: Conditions) -> str:
     if by in _OPENINGS:
         return _OPENINGS[by]
     if by.startswith("own "):
-        return f"Repeats along its {by} in {main.length}"
+        # The longest scale tried stands for longer ones, too.
+        longest = main.length == next(iter(main.process.lengths))
+        return f"Varies along its {by}, on a scale of {main.length}{' or more' if longest else ''}"
     axes = (facts.axis(given) for facts in known_facts(given.robot).values() if facts.word == by)
     label, values = next(axes, ("", None))
     if values is None or np.ptp(values) == 0.0:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import Family, Form, of_drive, of_each
+from pouring_robot.effects.base import Family, Form, of_drive, of_each, value_and_half_width
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import Z95, FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import Drive
 
 _SHOWN_ORDERS = 3
+_FINE = 1e-4
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
 
 _PRESSED = "pressed_from_"
@@ -56,18 +57,23 @@ class Scale(Family):
     build_up: bool = False
     driven_by = "lengths_m"
 
-    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+    def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
         """Of leads that change along the stroke: each drive's lead where it counts from, and how it changes."""
         if not self.build_up:
             return ()
         lines = []
         for drive in self.drives:
-            scale, bend = (1e-3 * values.get(f"{drive.symbol}_{name}", 0.0) for name in ("scale", "progression"))
-            line = f"{drive.words}: its lead is {100.0 * scale:+.2f} % off at zero, {200.0 * bend:+.2f} % more a metre"
+            names = ((1.0, f"{drive.symbol}_scale"), (2.0, f"{drive.symbol}_progression"))
+            # Relative, each with its standard deviation; the lead is the derivative of the error by the length.
+            lead, more = (MM * k * np.array([told.get(n, 0.0) for told in (values, stds)]) for k, n in names)
+            per, unit = (1e6, "ppm") if Z95 * lead[1] < _FINE else (100.0, "%")
+            line = f"{drive.words}: its lead is {_told(per * lead, unit)} off at zero"
+            line += f", {_told(per * more, unit)} more a metre"
             if drive.command == "angle":
                 turn = 2.0 * np.pi * drive.factor / MM
-                line += f" ({turn * (1.0 + scale):.2f} mm a turn, {2.0 * turn * bend:+.2f} mm a metre of stroke)"
-            lines.append(line)
+                a_turn, change = turn * (lead + np.array([1.0, 0.0])), turn * more
+                line += f", or {_told(a_turn, 'mm').removeprefix('+')} a turn, {_told(change, 'mm')} a metre of stroke"
+            lines.append(f"{line} (95 %)")
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
@@ -90,6 +96,12 @@ class Scale(Family):
                 stroke = lengths - (self.middle_m + ends * self.half_stroke_m)
                 found.append(Form(name, (*each("scale", 1.0, stroke, per="/m"), *home, *progressive)))
         return tuple(found)
+
+
+def _told(found: FloatArray, unit: str) -> str:
+    """Return a value and its standard deviation, (2,), with the 95 % half width."""
+    value, half = value_and_half_width(float(found[0]), abs(float(found[1])))
+    return f"{value} ± {half} {unit}"
 
 
 @dataclass(eq=False, kw_only=True)
@@ -130,7 +142,7 @@ class Periodic(Family):
         counts = {drive.words: int((known == 0.0).sum()) for drive, known in learned}
         return {words: count for words, count in counts.items() if count}
 
-    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+    def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
         """Of many orders: how large the error of each drive is, and which orders are the largest."""
         if not self.all_main:
             return ()

@@ -11,8 +11,11 @@ from pouring_robot.effects.base import EffectParameter, Family, Form, channel, o
 from pouring_robot.effects.conditions import FORCE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.definition import Drive
 
 _LATER = 0.2
+_LEAST = 1e-4
+"""Share of the usual force, or of a newton carried, below which weight is taken to put none on a drive."""
 _OWN = 0.5
 """By how much one drive may be softer than the others."""
 _ORDERS = 6
@@ -29,6 +32,16 @@ def _contact(load: FloatArray) -> FloatArray:
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
 
 
+def _loaded(conditions: Conditions, drives: Sequence[Drive], usual: float) -> bool:
+    """Return whether weight loads any of some drives: the robot's own, or what it carries or might carry.
+
+    The axis of a drive that stands upright, or the slide that lies level, are so to what a drawing rounds off.
+    """
+    parts = ((conditions.drive_force, usual), (conditions.force_by_weight, 1.0))
+    places = conditions.places(drives)
+    return any(part is not None and np.abs(part[:, places]).max() > _LEAST * size for part, size in parts)
+
+
 @dataclass(eq=False, kw_only=True)
 class Stretch(Family):
     """Sliding drives stretch under the force along them."""
@@ -39,6 +52,10 @@ class Stretch(Family):
 
     def __post_init__(self) -> None:
         self.needs = (f"{self.group}{FORCE}",)
+
+    def acts(self, conditions: Conditions) -> bool:
+        """Where weight puts forces along them."""
+        return _loaded(conditions, self.drives, self.force_n)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
@@ -71,6 +88,10 @@ class Spring(Family):
         self.needs = (f"{self.group}{FORCE}",)
         strong = np.array(self.strengths) if self.strengths else np.ones(len(self.drives))
         self.sizes = (np.exp(np.log(strong).mean()) / strong).tolist()
+
+    def acts(self, conditions: Conditions) -> bool:
+        """Where weight puts moments on them."""
+        return _loaded(conditions, self.drives, self.load)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""

@@ -1,0 +1,51 @@
+"""What weight puts on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+
+
+def up_in_base(mechanism: ClosedChainMechanism) -> FloatArray:
+    """Return the direction against gravity in the base, (3,)."""
+    model = mechanism.shared_model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    axes = data.oMf[mechanism.frame_id(mechanism.loops.base_frame)].rotation
+    gravity = np.array(model.gravity.linear)
+    return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
+
+
+def by_a_newton(up: FloatArray, moved: FloatArray, arm: FloatArray) -> FloatArray:
+    """Return what a newton of weight on the end body puts on what moves it, (n, p), in N/N and Nm/N.
+
+    Args:
+        up: direction against gravity in the base, (3,).
+        moved: derivative of the end body's pose in base axes, (n, 6, p).
+        arm: from the end body's origin to the weight in base axes, (n, 3).
+    """
+    lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
+    return np.asarray(-np.einsum("c,ncp->np", up, lifted))
+
+
+def own_force(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArray], rows: int) -> FloatArray:
+    """Return what the links' own weight puts on every drive, (n, D), in N and Nm, at joint values, (n,) each.
+
+    Pinocchio's generalised gravity is what the joints must give; the weight does the opposite to each drive, by the way
+    in which it moves the joints.
+    """
+    model, drives = mechanism.shared_model, drive_parameters(mechanism)
+    data, neutral, solver = model.createData(), mechanism.neutral_configuration(), ClosureSolver(mechanism)
+    found = np.empty((rows, len(drives)))
+    for row in range(rows):
+        at = mechanism.with_joint_values(neutral, {name: float(course[row]) for name, course in values.items()})
+        closed = solver.solve_from(at)
+        moved = closed_chain_transfer(solver, closed, drives).joints
+        found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, closed.configuration)
+    return found
