@@ -81,6 +81,8 @@ class CompiledEngine(Engine):
                 result.put(rows, self._followed(drives[rows], start[rows], placed[rows], finer, smooth))
                 spent[rows] += result.iterations[rows]
                 rows = rows[result.status[rows] == _MODE_ENDS]
+                if not rows.size:
+                    break
             result.iterations[steps == number] = spent[steps == number]
         return result
 
@@ -103,6 +105,8 @@ class CompiledEngine(Engine):
                 before[rows] = moved
             result.put(rows, closed)
             start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
+            if not rows.size:
+                break
         result.iterations[:] = spent
         return result
 
