@@ -117,7 +117,7 @@ class StarStructure(Structure):
         return cls(mechanism, sum(sites, ()), star, names)
 
     def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
-        """Pickle as the mechanism: the arrays come back as they were made."""
+        """Pickle as the mechanism, of which the arrays are read anew: pickled ones would come back writable."""
         return StarStructure.from_mechanism, (self.mechanism,)
 
     def displaced(self, mechanism: ClosedChainMechanism) -> StarStructure:
