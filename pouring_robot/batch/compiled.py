@@ -8,7 +8,6 @@ left out in silence.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from pouring_robot.batch.kernels.newton import NOT_CONVERGED
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import ByteArray, IntArray, StarStructure, fixed
+from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -47,7 +46,7 @@ class CompiledEngine(Engine):
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
         self._largest_turn = largest_turn(mechanism)
-        self._smaller = Shares(mechanism, partial(CompiledEngine, threads=threads, options=options), options.most_steps)
+        self._smaller = Shares(mechanism, self.structure.displaced, options.most_steps)
 
     def _joints_at(self, configurations: FloatArray) -> FloatArray:
         joints = np.zeros((len(configurations), *self.structure.star.revolute.shape))
@@ -81,6 +80,8 @@ class CompiledEngine(Engine):
                 result.put(rows, self._followed(drives[rows], start[rows], placed[rows], finer, smooth))
                 spent[rows] += result.iterations[rows]
                 rows = rows[result.status[rows] == _MODE_ENDS]
+                if not rows.size:
+                    break
             result.iterations[steps == number] = spent[steps == number]
         return result
 
@@ -92,9 +93,10 @@ class CompiledEngine(Engine):
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
-            engine = self if step == steps or not self._largest_turn else self._smaller[step / steps]
+            own = self.structure if step == steps or not self._largest_turn else self._smaller[step / steps]
             smaller = SiteErrors(step / steps * placed[rows].errors, placed[rows].site)
-            closed = engine._straight(drives[rows], start[rows], smaller, None if step == steps else np.inf)
+            most_open = None if step == steps else np.inf
+            closed = self._straight(drives[rows], start[rows], smaller, most_open, star=own.star)
             spent[rows] += closed.iterations
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
@@ -103,6 +105,8 @@ class CompiledEngine(Engine):
                 before[rows] = moved
             result.put(rows, closed)
             start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
+            if not rows.size:
+                break
         result.iterations[:] = spent
         return result
 
@@ -113,10 +117,11 @@ class CompiledEngine(Engine):
         placed: SiteErrors,
         most_open: float | None = None,
         chain: IntArray | None = None,
+        star: Star | None = None,
     ) -> BatchClosure:
         """Close every sample straight from its start, or carry the end frame by one ``chain`` each, (n,).
 
-        Loops may stay open by so much (m, rad), or as options say.
+        Loops may stay open by so much (m, rad), or as options say; a ``star`` stands in for the mechanism's own.
         """
         result, samples = self._room_for(start), _samples(start, placed)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
@@ -129,7 +134,7 @@ class CompiledEngine(Engine):
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
         open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
         settings = fixed([*limits, *open_by])
-        self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written)
+        self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written, star=star)
         return result
 
     def carry(
@@ -204,12 +209,12 @@ class CompiledEngine(Engine):
         start = np.searchsorted(sites[order], np.arange(structure.site_count + 1))
         return Columns(fixed(start, np.int64), fixed(order, np.int64), fixed(twists), fixed(drives, np.int64))
 
-    def _share(self, count: int, kernel: Callable[..., None], *arguments: Any) -> None:
+    def _share(self, count: int, kernel: Callable[..., None], *arguments: Any, star: Star | None = None) -> None:
         """Run a kernel over ranges of samples on the threads; the ranges do not depend on how many there are."""
-        star = self.structure.star
+        own = star or self.structure.star
 
         def run(first: int) -> None:
-            kernel(star, make_room(star), *arguments, first, min(first + _SAMPLES_AT_A_TIME, count))
+            kernel(own, make_room(own), *arguments, first, min(first + _SAMPLES_AT_A_TIME, count))
 
         starts = range(0, count, _SAMPLES_AT_A_TIME)
         with ThreadPoolExecutor(self.threads) as pool:

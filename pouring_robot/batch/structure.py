@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,34 +85,23 @@ class StarStructure(Structure):
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> StarStructure:
         """Read a mechanism; raises UnsupportedMechanismError where the mechanism is no star."""
-        chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
+        chains = _chains(mechanism)
         every = {j for chain in chains for j in chain.joints}
         for mimic in mechanism.mimics:
             if mechanism.joint_id(mimic.joint) in every:
                 raise UnsupportedMechanismError(f"joint '{mimic.joint}' mimics '{mimic.leader}'")
         model, joints = mechanism.shared_model, max(len(chain.joints) for chain in chains)
-        base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
-        placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
         axes = np.tile(np.eye(3), (len(chains), joints + 1, 1, 1))
         revolute = np.zeros((len(chains), joints), dtype=bool)
         for i, chain in enumerate(chains):
             length = len(chain.joints)
-            turns, revolute[i, :length] = _turns(mechanism, chain.joints)
-            axes[i, :length] = turns
-            first, *others = (model.jointPlacements[j] for j in chain.joints)
-            for k, placement in enumerate([base.actInv(first), *others, chain.tip]):
-                before = np.eye(3) if k == 0 else turns[k - 1]
-                after = turns[k] if k < length else np.eye(3)
-                at = k if k < length else joints  # the tip stands behind the joints that do nothing
-                turned = before.T @ placement.rotation @ after
-                placements[i, at] = np.r_[turned.ravel(), before.T @ placement.translation]
-            placements[i, joints + 1] = np.r_[chain.seat.rotation.ravel(), chain.seat.translation]
+            axes[i, :length], revolute[i, :length] = _turns(mechanism, chain.joints)
         drives, passive = _roles(mechanism, [chain.joints for chain in chains])
         place = np.full((len(chains), joints), -1)
         for i, number in np.argwhere(passive >= 0):
             place[i, passive[i, number]] = number
         star = Star(
-            placements=fixed(placements),
+            placements=_placements(mechanism, chains, axes),
             site_axes=fixed(axes.reshape(-1, 9)),
             revolute=fixed(revolute, np.bool_),
             passive=fixed(passive, np.int64),
@@ -128,8 +117,15 @@ class StarStructure(Structure):
         return cls(mechanism, sum(sites, ()), star, names)
 
     def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
-        """Pickle as the mechanism: the arrays come back as they were made."""
+        """Pickle as the mechanism, of which the arrays are read anew: pickled ones would come back writable."""
         return StarStructure.from_mechanism, (self.mechanism,)
+
+    def displaced(self, mechanism: ClosedChainMechanism) -> StarStructure:
+        """Return that of the mechanism with its joints elsewhere: names, roles and axes in their own frames stay."""
+        chains, joints = self.star.revolute.shape
+        axes = self.star.site_axes.reshape(chains, joints + 1, 3, 3)
+        star = self.star._replace(placements=_placements(mechanism, _chains(mechanism), axes))
+        return replace(self, mechanism=mechanism, star=star)
 
     @property
     def is_serial(self) -> bool:
@@ -174,6 +170,24 @@ def _joints_between(mechanism: ClosedChainMechanism, tip: int, what: str) -> lis
     return joints
 
 
+def _placements(mechanism: ClosedChainMechanism, chains: list[_Chain], axes: FloatArray) -> FloatArray:
+    """Return the placements of a star whose joint axes are turned onto z by ``axes``, (C, J + 1, 3, 3)."""
+    model, joints = mechanism.shared_model, axes.shape[1] - 1
+    base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
+    placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
+    for i, chain in enumerate(chains):
+        first, *others = (model.jointPlacements[j] for j in chain.joints)
+        before = np.eye(3)
+        for k, placement in enumerate([base.actInv(first), *others, chain.tip]):
+            # the tip, not turned, stands behind the joints that do nothing
+            at, after = (k, axes[i, k]) if k < len(chain.joints) else (joints, np.eye(3))
+            placements[i, at, :9] = (before.T @ placement.rotation @ after).ravel()
+            placements[i, at, 9:] = before.T @ placement.translation
+            before = after
+        placements[i, joints + 1] = np.r_[chain.seat.rotation.ravel(), chain.seat.translation]
+    return fixed(placements)
+
+
 def _serial_chain(mechanism: ClosedChainMechanism) -> _Chain:
     """Return the chain of a mechanism without loops: the end frame is its tip and seat in one."""
     model, end = mechanism.shared_model, mechanism.shared_model.frames[_end_frame(mechanism)]
@@ -189,7 +203,9 @@ def _serial_chain(mechanism: ClosedChainMechanism) -> _Chain:
 
 
 def _chains(mechanism: ClosedChainMechanism) -> list[_Chain]:
-    """Return the chains, after checking that they make a star."""
+    """Return the chains, after checking that they make a star; without loops there is one."""
+    if not mechanism.anchors:
+        return [_serial_chain(mechanism)]
     model, loops = mechanism.shared_model, mechanism.loops
     names = list(model.names)
     end = {anchor.joint_b for anchor in mechanism.anchors}

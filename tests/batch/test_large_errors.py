@@ -70,3 +70,13 @@ def test_a_sample_is_the_same_in_any_company(study: Study) -> None:
         alone = study.engine.close(drives[k : k + 1], start[k : k + 1], errors[k : k + 1])
         np.testing.assert_array_equal(alone.position[0], found.position[k])
         assert alone.iterations[0] == found.iterations[k]
+
+
+def test_no_work_is_done_where_no_sample_is_left(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    drives, start, errors = study.draw(50)
+    sizes, straight = [], study.engine._straight
+    monkeypatch.setattr(
+        study.engine, "_straight", lambda *given, **more: sizes.append(len(given[1])) or straight(*given, **more)
+    )
+    study.engine.close(drives, start, errors)
+    assert min(sizes[1:]) > 0  # before that, those whose errors need no steps: none
