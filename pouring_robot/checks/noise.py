@@ -67,8 +67,12 @@ def check_noise(
         return
     rounded = list(_rounded(campaign, scatters))
     yield from rounded
-    least = min(scatters, key=lambda one: one.factor)
-    if not rounded and least.factor > LEAST_FACTOR and all(one.sure for one in scatters):
+    if rounded or not _too_small(scatters):
+        return
+    # What weight does takes a closure a row: it is worked out only where it may be what scatters.
+    scatters = _scatters(campaign, drawing, data, fit, rows, weighed=True)
+    if _too_small(scatters):
+        least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
             f"the stated noise is too small: all {len(scatters)} measured components scatter by {least.factor:.2g} "
@@ -78,7 +82,13 @@ def check_noise(
         yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
 
 
-def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> list[Scatter]:
+def _too_small(scatters: list[Scatter]) -> bool:
+    return all(one.sure and one.factor > LEAST_FACTOR for one in scatters)
+
+
+def _scatters(
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows, *, weighed: bool = False
+) -> list[Scatter]:
     moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
@@ -87,7 +97,8 @@ def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Frame
     smooth = [moved * units, *(by_condition * values[:, None, None] for values in _conditions(campaign, rows))]
     if campaign.approach is not None:
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
-    smooth += [yielding * force[:, None] for force in _by_weight(campaign, drawing, data.drives[rows], rows)]
+    if weighed:
+        smooth += [yielding * force[:, None] for force in _by_weight(campaign, drawing, data.drives[rows], rows)]
     causes = np.concatenate(smooth, axis=2)
     stated = campaign.metadata
     residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
