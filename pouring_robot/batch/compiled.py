@@ -127,7 +127,7 @@ class CompiledEngine(Engine):
         written = Closures(*(getattr(result, name) for name in Closures._fields))
         if chain is not None or self.structure.is_serial:
             own = fixed(np.zeros(len(start)) if chain is None else chain, np.int64)
-            self._share(len(start), carry_samples, samples, drives, own, written)
+            self._share(len(start), carry_samples, samples, drives, own, written, star=star)
             result.residual[result.closed] = 0.0
             return result
         options = self.options
