@@ -34,7 +34,8 @@ class PouringDefinition(RobotDefinition):
 
     def __init__(self, layout: str = "paper", layouts_file: Path | None = None) -> None:
         self.layout, self.layouts_file = layout, layouts_file
-        super().__init__(*_shipped())
+        file, path = _shipped()
+        super().__init__(file.model_copy(update={"home": {}}), path)  # which is that of one layout
         names = zip(self.drives, DRIVE_SYMBOLS, DRIVE_WORDS, strict=True)
         self.drives = tuple(dataclasses.replace(d, symbol=symbol, words=words) for d, symbol, words in names)
 
