@@ -46,7 +46,7 @@ class CompiledEngine(Engine):
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
         self._largest_turn = largest_turn(mechanism)
-        self._smaller = Shares(mechanism, self.structure.displaced, options.most_steps)
+        self._smaller = Shares(mechanism, self.structure.displaced_star, options.most_steps)
 
     def _joints_at(self, configurations: FloatArray) -> FloatArray:
         joints = np.zeros((len(configurations), *self.structure.star.revolute.shape))
@@ -93,10 +93,10 @@ class CompiledEngine(Engine):
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
-            own = self.structure if step == steps or not self._largest_turn else self._smaller[step / steps]
+            star = self._smaller[step / steps] if step < steps and self._largest_turn else None
             smaller = SiteErrors(step / steps * placed[rows].errors, placed[rows].site)
             most_open = None if step == steps else np.inf
-            closed = self._straight(drives[rows], start[rows], smaller, most_open, star=own.star)
+            closed = self._straight(drives[rows], start[rows], smaller, most_open, star=star)
             spent[rows] += closed.iterations
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)

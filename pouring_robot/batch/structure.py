@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,12 +120,11 @@ class StarStructure(Structure):
         """Pickle as the mechanism, of which the arrays are read anew: pickled ones would come back writable."""
         return StarStructure.from_mechanism, (self.mechanism,)
 
-    def displaced(self, mechanism: ClosedChainMechanism) -> StarStructure:
-        """Return that of the mechanism with its joints elsewhere: names, roles and axes in their own frames stay."""
+    def displaced_star(self, mechanism: ClosedChainMechanism) -> Star:
+        """Return the star of the mechanism with its joints elsewhere: roles and axes in their own frames stay."""
         chains, joints = self.star.revolute.shape
         axes = self.star.site_axes.reshape(chains, joints + 1, 3, 3)
-        star = self.star._replace(placements=_placements(mechanism, _chains(mechanism), axes))
-        return replace(self, mechanism=mechanism, star=star)
+        return self.star._replace(placements=_placements(mechanism, _chains(mechanism), axes))
 
     @property
     def is_serial(self) -> bool:

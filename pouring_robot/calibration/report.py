@@ -143,8 +143,8 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     _, point = calibration.present.definition.tool_words
     # Closures need no device, and have no frames.
     device = any(calibration.noise[kind].source != "none" for kind in ("position", "rotation", "distance"))
-    base = "in the robot's own base, for the data hardly tell where device and target stand, "
-    base = base if device and not calibration.ladle.located else ""
+    lost = device and not calibration.ladle.located
+    base = "in the robot's own base, for the data hardly tell where device and target stand, " if lost else ""
     return (
         f"as far as what was kept explains the robot, {base}the model knows each coordinate of {point} to "
         f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "

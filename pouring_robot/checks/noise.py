@@ -142,8 +142,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: R
     """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
     robot, engine = campaign.robot, engine_for(drawing.mechanism)
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
-    hangs = robot.file.payload_frame or str(mechanism.loops.end_frame)
-    place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(hangs).translation
+    place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(robot.payload_frame).translation
     moved = engine.transfer(closed, drive_parameters(mechanism)).matrix
     share = by_a_newton(up_in_base(mechanism), moved, closed.rotation @ np.array(place))
     forces = [own_force(mechanism, engine.structure.joint_values(closed.joints), len(rows)), share]

@@ -20,7 +20,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     turns = [turn for turn in placement_parameters(joints) if turn.unit == "rad"]
     moved = engine.transfer(closure, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
-    own, hangs = causes_of(robot).own_weight, robot.file.payload_frame or str(mechanism.loops.end_frame)
+    own = causes_of(robot).own_weight
     return NominalRows(
         robot,
         closure.position,
@@ -31,7 +31,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         up_in_base(mechanism),
         _swings(mechanism, values, len(closure)),
         own_force(mechanism, values, len(closure)) if own else None,
-        mechanism.placement_on_end(hangs).translation if own else None,
+        mechanism.placement_on_end(robot.payload_frame).translation if own else None,
     )
 
 

@@ -25,15 +25,18 @@ def test_lines_and_cells_of_a_csv_file(tmp_path):
         read_table(path, "a_mm", CampaignError, short_rows=False)
 
 
+def refused(table, index, words):
+    """Neither reading of a column takes its cells."""
+    for read in (table.numbers, table.sparse_numbers):
+        with pytest.raises(TableError, match=words):
+            read(index)
+
+
 def test_numbers_beyond_any_quantity_are_refused(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("a_mm\n1e9\n-1.1e9\n")
     table = read_table(path, "a_mm")
-    for read in (table.numbers, table.sparse_numbers):
-        with pytest.raises(
-            TableError, match=r"line 3, column a_mm: -1.1e\+09 is larger than any quantity \(limit 1e\+09\)"
-        ):
-            read(0)
+    refused(table, 0, r"line 3, column a_mm: -1.1e\+09 is larger than any quantity \(limit 1e\+09\)")
     assert table.numbers(0, largest=LATEST).tolist() == [1e9, -1.1e9]  # as times since 1970 are
 
 
@@ -79,13 +82,8 @@ def test_semicolons_and_decimal_commas_are_told(tmp_path):
         read_table(path, "x_mm")
     path.write_text('x_mm,y_mm\n"-2658,2581","1,2,3"\n')
     table = read_table(path, "x_mm")
-    for read in (table.numbers, table.sparse_numbers):
-        with pytest.raises(
-            TableError, match=r"column x_mm: '-2658,2581' is no number: its decimal mark must be a point"
-        ):
-            read(0)
-        with pytest.raises(TableError, match=r"column y_mm: '1,2,3' is not a"):
-            read(1)
+    refused(table, 0, r"column x_mm: '-2658,2581' is no number: its decimal mark must be a point")
+    refused(table, 1, r"column y_mm: '1,2,3' is not a")
 
 
 def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):

@@ -165,10 +165,11 @@ class Under:
         for line, command in commands.items():
             with at_line(poses, line):
                 drives.append(robot.drives_of(command))
-        if poses is None and under.given and (idle := ", ".join(under.idle(np.array(drives)))):
+        robots = under.robots(np.array(drives))
+        if poses is None and (idle := ", ".join(under.idle(np.array(drives), robots))):
             same = f"without --condition {idle} the robot stands the same"
             options.note(f"{same}: no effect of the model goes by it here")
-        return under.robots(np.array(drives)), under.notes
+        return robots, under.notes
 
 
 @contextlib.contextmanager

@@ -244,6 +244,11 @@ class RobotDefinition:
         return replace(DEFAULT_OPTIONS, max_gap_m=_DRAWN_FIT * self.reach_m, max_gap_rad=_DRAWN_FIT)
 
     @property
+    def payload_frame(self) -> str:
+        """Where a payload hangs: at the end frame, if the file does not say."""
+        return self.file.payload_frame or str(self.loops.end_frame)
+
+    @property
     def most_disagreement_m(self) -> float:
         """How far redundant drives may disagree, in m, and still be the command of a pose."""
         return _MEASURED_FIT * self.reach_m

@@ -26,6 +26,7 @@ Pair = tuple[float, float]
 _SHARES = np.linspace(0.0, 1.0, 7)
 _MARGIN = {"rad": 0.08, "mm": 20.0}
 _STEP = 1e-6
+_OWNER = "as the owner says"
 _SIGNS = np.array([[-1, 1], [-1, -1], [1, 1], [1, -1]])
 
 
@@ -108,19 +109,20 @@ class NewLayout:
         entry = content["layouts"].pop("paper")
         for other in tuple(content["layouts"]):
             del content["layouts"][other]
-        common, corners = content["common"], (self.fixed_mm, self.moving_mm)
-        fixed, moving = (self.centres_mm(sides).tolist() for sides in corners)
         content["layouts"][self.name], usual = entry, self.usual()
+        workspace, ladle = content["common"]["workspace"], content["common"]["ladle"]
         for key, place, value, unit in (
-            *((f"{axis}_mm", common["workspace"][axis], None, "mm") for axis in "xyz"),
-            ("tilt_deg", common["workspace"]["tilt"], None, "deg"),
-            ("payload_kg", common["ladle"]["payload"], None, "kg"),
-            ("tare_kg", common["ladle"]["tare"], None, "kg"),
-            ("fixed_mm", entry["fixed_centres"], fixed, "mm"),
-            ("moving_mm", entry["moving_centres"], moving, "mm"),
+            ("x_mm", workspace["x"], list(self.x_mm), "mm"),
+            ("y_mm", workspace["y"], list(self.y_mm), "mm"),
+            ("z_mm", workspace["z"], list(self.z_mm), "mm"),
+            ("tilt_deg", workspace["tilt"], list(self.tilt_deg), "deg"),
+            ("payload_kg", ladle["payload"], self.payload_kg, "kg"),
+            ("tare_kg", ladle["tare"], self.tare_kg, "kg"),
+            ("fixed_mm", entry["fixed_centres"], self.centres_mm(self.fixed_mm).tolist(), "mm"),
+            ("moving_mm", entry["moving_centres"], self.centres_mm(self.moving_mm).tolist(), "mm"),
         ):
-            if (said := getattr(self, key)) != getattr(usual, key):
-                _say(place, value or (list(said) if isinstance(said, tuple) else said), unit, _OWNER)
+            if getattr(self, key) != getattr(usual, key):
+                _say(place, value, unit, _OWNER)
         for key, (pair, unit) in self.limits().items():
             whose = _OWNER if key == "s3" and self.stroke_mm else "what the workspace needs"
             _say(entry["joint_limits"][key], list(pair), unit, whose)
@@ -131,9 +133,6 @@ class NewLayout:
 
 QUESTIONS: dict[str, str] = {one.name: one.metadata["asked"] for one in fields(NewLayout) if one.metadata}
 """What the owner is asked, by field."""
-
-
-_OWNER = "as the owner says"
 
 
 def _say(entry: CommentedMap, value: Any, unit: str, whose: str) -> None:
