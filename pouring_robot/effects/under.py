@@ -158,10 +158,10 @@ class RobotUnderConditions:
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
 
-    def idle(self, drives: FloatArray, robots: Sequence[Robot]) -> tuple[str, ...]:
-        """Return the conditions, by heading, without which these robots of :meth:`robots` would stand the same."""
+    def idle(self, drives: FloatArray) -> tuple[str, ...]:
+        """Return the conditions, by heading, without which the :meth:`robots` at these commands would stand the same."""
         headings = {quantity.name: quantity.canonical for quantity in self.definition.condition_columns}
-        stands, found = [robot.model for robot in robots], []
+        stands, found = [robot.model for robot in self.robots(drives)], []
         for name in self.given:
             others = copy.copy(self)
             others.given = {other: values for other, values in self.given.items() if other != name}

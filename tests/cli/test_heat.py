@@ -60,7 +60,7 @@ def test_heat_that_the_model_has_learned_and_that_the_melt_brings_is_not_counted
     code, out, err = run(command, *AT, "--model", model, *warm)
     assert (code, err) == (0, "")
     assert "twice" not in out
-    said = "note: without --condition ambient_degC the robot stands the same" if command == "pose" else ""
+    said = "note: without --condition ambient_degC the robot stands the same"
     assert run(command, *AT, "--model", model, *warm, "--condition", "ambient_degC=5")[2].startswith(said)
     code, out, err = run(command, *AT, "--model", model, *warm, "--melt-degC", "1700", "--steady")
     assert (code, err) == (0, "")

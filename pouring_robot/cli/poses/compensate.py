@@ -246,6 +246,8 @@ def _each(
     """Return what is found for each command; an error names the line of its table."""
     if under is None:
         return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", bring)
+    import numpy as np
+
     from pouring_robot.effects.under import compensate_under
 
     lines = list(wanted)
@@ -255,4 +257,7 @@ def _each(
             return bring(wanted[lines[k]], standing)
 
     with progress.stage_bars() as show:
-        return compensate_under(under, list(wanted.values()), at, show)
+        found = compensate_under(under, list(wanted.values()), at, show)
+    if asked.poses is None:
+        bundles.say_idle(under, np.array([list(one.drives.values()) for one in found]))
+    return found

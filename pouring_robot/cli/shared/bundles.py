@@ -166,10 +166,16 @@ class Under:
             with at_line(poses, line):
                 drives.append(robot.drives_of(command))
         robots = under.robots(np.array(drives))
-        if poses is None and (idle := ", ".join(under.idle(np.array(drives), robots))):
-            same = f"without --condition {idle} the robot stands the same"
-            options.note(f"{same}: no effect of the model goes by it here")
+        if poses is None:
+            say_idle(under, np.array(drives))
         return robots, under.notes
+
+
+def say_idle(under: RobotUnderConditions, drives: FloatArray) -> None:
+    """Say on standard error which conditions given by option change nothing at commands (n, drives), in m and rad."""
+    if idle := ", ".join(under.idle(drives)):
+        same = f"without --condition {idle} the robot stands the same"
+        options.note(f"{same}: no effect of the model goes by it here")
 
 
 @contextlib.contextmanager
