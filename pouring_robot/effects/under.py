@@ -159,7 +159,7 @@ class RobotUnderConditions:
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
 
     def idle(self, drives: FloatArray) -> tuple[str, ...]:
-        """Return the conditions, by heading, without which the :meth:`robots` at these commands would stand the same."""
+        """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""
         headings = {quantity.name: quantity.canonical for quantity in self.definition.condition_columns}
         stands, found = [robot.model for robot in self.robots(drives)], []
         for name in self.given:
