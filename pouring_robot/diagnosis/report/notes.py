@@ -40,6 +40,13 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
     if unusable.size:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
+    effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
+    by_session = [effect for effect in named if effects[effect].driver == "session"]
+    if by_session and diagnosis.held_out_name.startswith("session "):
+        lines.append(
+            f"what {', '.join(by_session)} is in the {diagnosis.held_out_name}, which is held out, no other session "
+            "tells; with --hold-out region the held-out rows say how much of the gap it makes"
+        )
     if diagnosis.worse:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
     if diagnosis.model.robot is not None:

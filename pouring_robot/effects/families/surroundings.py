@@ -56,13 +56,18 @@ class SessionOffset(Family):
         return () if len(conditions.session_shares) > 1 else ("session",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Six displacements of the base a session; what all share is the frames'. Of another session none is known."""
+        """Six displacements of the base a session, or three without a turn; what all share is the frames'.
+
+        Of another session none is known.
+        """
         moved = [
             replace(parameter, name=f"session_{k + 1}_{parameter.name}")
             for k, share in enumerate(conditions.session_shares.tolist())
             for parameter in _moved(np.where(conditions.session == -1, 0.0, conditions.in_session(k) - share))
         ]
-        return (Form("each_session", tuple(moved)),)
+        shifted = [parameter for parameter in moved if parameter.unit == "mm"]
+        one_of = "whether it turns"
+        return Form("each_session", tuple(moved), one_of), Form("each_session_shifted", tuple(shifted), one_of)
 
 
 class MetrologyScale(Family):
