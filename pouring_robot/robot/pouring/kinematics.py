@@ -16,7 +16,7 @@ from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import MM, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -89,14 +89,9 @@ class FourUPUKinematics:
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, 4), in m and rad; NaN where no pose has them."""
-        poses = np.full((len(drives), 4), np.nan)
-        for row in np.flatnonzero(np.isfinite(drives).all(axis=1)):
-            try:
-                pose = self.forward(self.mechanism.named_drives(drives[row]))
-            except (NoSolutionError, BadInputError):
-                continue
-            poses[row] = *pose.position_m, pose.tilt_rad
-        return self.commands(poses).start
+        first, second = np.moveaxis(self._assemblies(drives)[0], 1, 0)
+        upright = np.abs(first[:, 3:]) <= np.abs(second[:, 3:])
+        return self.commands(np.where(upright, first, second)).start
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
@@ -161,20 +156,49 @@ class FourUPUKinematics:
         pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
         self.check_drives(drives)
-        l1, l2, l3, theta = (float(drives[name]) for name in DRIVE_JOINTS)
-        if not all(map(math.isfinite, (l1, l2, l3, theta))):
-            raise BadInputError(f"the drive values must be finite numbers, not {l1}, {l2}, {l3} m and {theta} rad")
+        values = np.array([float(drives[name]) for name in DRIVE_JOINTS])
+        if not np.isfinite(values).all():
+            raise BadInputError(f"the drive values must be finite numbers, not {values[:3]} m and {values[3]} rad")
+        (poses,), (sides,), (across,) = self._assemblies(values[None])
+        if np.isnan(sides).any():
+            short = int(np.argmax(np.isnan(sides)))
+            why = f"a leg of {values[[0, 2][short]] / MM:.3f} mm cannot span {abs(across[short]) / MM:.3f} mm sideways"
+            raise NoSolutionError(f"no pose has these leg lengths: {why}; check the drive values")
+        if np.isnan(poses).any():
+            rear, front = sides / MM
+            why = f"the rear legs ({rear:.2f} mm seen along y) cannot meet the front ones ({front:.2f} mm)"
+            raise NoSolutionError(f"no pose has these leg lengths: {why}; check the drive values")
+        return min(
+            (PlatformPose((x, y, z), tilt) for x, y, z, tilt in poses.tolist()),
+            key=lambda pose: _branch_distance(pose, near),
+        )
+
+    @np.errstate(invalid="ignore")  # what no pose has is NaN
+    def _assemblies(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the two poses that have drive values (n, 4), in m and rad: (n, 2, 4), and by which legs.
+
+        That is, of the rear legs and of the front ones, their lengths seen along y, and how far they reach along it,
+        (n, 2) each. NaN is what no pose has.
+        """
         fixed, moving = self._pairs
         offsets = self.moving_centres_m[:, 1] - self.fixed_centres_m[:, 1]
         if abs(offsets[0] - offsets[1]) < 1e-9:
             raise NoSolutionError("legs 1 and 2 are parallel in y, so their lengths do not fix y; change the layout")
+        l1, l2, _, theta = drives.T
         y = ((l1**2 - l2**2) - (offsets[0] ** 2 - offsets[1] ** 2)) / (2.0 * (offsets[0] - offsets[1]))
-        rear, front = (self._side(length, y + offset) for length, offset in ((l1, offsets[0]), (l3, offsets[2])))
+        across = y[:, None] + offsets[[0, 2]]
+        sides = np.sqrt(drives[:, [0, 2]] ** 2 - across**2)
         # In platform axes: front fixed centre, from the rod's known angle; rear one, on two circles.
-        front_fixed = moving[1] + front * np.array([-math.sin(theta), math.cos(theta)])
-        candidates = _circle_meetings(moving[0], rear, front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
-        poses = [self._pose_from(front_fixed, rear_fixed, y) for rear_fixed in candidates]
-        return min(poses, key=lambda pose: _branch_distance(pose, near))
+        front_fixed = moving[1] + sides[:, 1:] * np.column_stack([-np.sin(theta), np.cos(theta)])
+        rear_fixed = _circle_meetings(moving[0], sides[:, 0], front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
+        seen, real = front_fixed[:, None] - rear_fixed, fixed[1] - fixed[0]
+        # x-z plane with R_y(r): a vector (x, z) seen in the platform is (x cos r + z sin r, z cos r - x sin r) outside.
+        tilt = np.arctan2(seen[..., 1], seen[..., 0]) - math.atan2(real[1], real[0])
+        tilt = np.arctan2(np.sin(tilt), np.cos(tilt))
+        cos, sin = np.cos(tilt), np.sin(tilt)
+        x = fixed[0, 0] - (rear_fixed[..., 0] * cos + rear_fixed[..., 1] * sin)
+        z = fixed[0, 1] - (rear_fixed[..., 1] * cos - rear_fixed[..., 0] * sin)
+        return np.stack([x, np.broadcast_to(y[:, None], x.shape), z, tilt], axis=-1), sides, across
 
     def check_drives(self, drives: Mapping[str, float]) -> None:
         """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
@@ -186,46 +210,18 @@ class FourUPUKinematics:
         if missing:
             raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
 
-    @staticmethod
-    def _side(length: float, across: float) -> float:
-        """Return a leg's length seen along y."""
-        squared = length**2 - across**2
-        if squared <= 0.0:
-            raise NoSolutionError(
-                f"no pose has these leg lengths: a leg of {length * 1e3:.3f} mm cannot span {abs(across) * 1e3:.3f} mm"
-                " sideways; check the drive values"
-            )
-        return math.sqrt(squared)
 
-    def _pose_from(self, front_fixed: FloatArray, rear_fixed: FloatArray, y: float) -> PlatformPose:
-        """Return the pose whose platform axes see the fixed centres at the given places (x, z)."""
-        fixed, _ = self._pairs
-        seen, real = front_fixed - rear_fixed, fixed[1] - fixed[0]
-        # x-z plane with R_y(r): a vector (x, z) seen in the platform is (x cos r + z sin r, z cos r - x sin r) outside.
-        tilt = math.atan2(seen[1], seen[0]) - math.atan2(real[1], real[0])
-        tilt = math.remainder(tilt, 2.0 * math.pi)
-        cos, sin = math.cos(tilt), math.sin(tilt)
-        outside = np.array([rear_fixed[0] * cos + rear_fixed[1] * sin, rear_fixed[1] * cos - rear_fixed[0] * sin])
-        x, z = fixed[0] - outside
-        return PlatformPose((float(x), y, float(z)), tilt)
+def _circle_meetings(centre_a: FloatArray, radii_a: FloatArray, centres_b: FloatArray, radius_b: float) -> FloatArray:
+    """Return the two points at the given distances from two centres in a plane, (n, 2, 2); NaN where there are none.
 
-
-def _circle_meetings(
-    centre_a: FloatArray, radius_a: float, centre_b: FloatArray, radius_b: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the two points at the given distances from two centres in a plane, shape (2,) each."""
-    across = centre_b - centre_a
-    distance = float(np.linalg.norm(across))
-    along = (radius_a**2 - radius_b**2 + distance**2) / (2.0 * distance)
-    squared = radius_a**2 - along**2
-    if squared < 0.0:
-        raise NoSolutionError(
-            f"no pose has these leg lengths: the rear legs ({radius_a * 1e3:.2f} mm seen along y) cannot meet the "
-            f"front ones, {distance * 1e3:.2f} mm away; check the drive values"
-        )
-    foot = centre_a + along * across / distance
-    aside = math.sqrt(squared) * np.array([-across[1], across[0]]) / distance
-    return foot + aside, foot - aside
+    Centres are (2,) and (n, 2), the distances (n,) and one for all.
+    """
+    across = centres_b - centre_a
+    distance = np.linalg.norm(across, axis=1)
+    along = (radii_a**2 - radius_b**2 + distance**2) / (2.0 * distance)
+    foot = centre_a + (along / distance)[:, None] * across
+    aside = (np.sqrt(radii_a**2 - along**2) / distance)[:, None] * np.column_stack([-across[:, 1], across[:, 0]])
+    return np.stack([foot + aside, foot - aside], axis=1)
 
 
 def _branch_distance(pose: PlatformPose, near: PlatformPose | None) -> float:
