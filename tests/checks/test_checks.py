@@ -206,14 +206,15 @@ BESIDES = {
 }
 
 
-@pytest.mark.parametrize("case", [(code, i) for code, made in DAMAGES.items() for i in range(len(made))], ids=str)
-@pytest.mark.parametrize("robot_name", ["drawing", "as_built"])
-def test_finds_the_planted_damage_and_nothing_else(request, case, robot_name):
-    robot = request.getfixturevalue(robot_name)
-    campaign = request.getfixturevalue("clean" if robot_name == "drawing" else "real").campaign
-    code, index = case
-    broken = DAMAGES[code][index](campaign)
-    flags = check_campaign(broken, robot.kinematics)
+# The checks go by the drawing, which the robot as built misses by millimetres: there all damages must still be told.
+@pytest.mark.parametrize(
+    ("measured", "code", "index"),
+    [("real", code, i) for code, made in DAMAGES.items() for i in range(len(made))]
+    + [("clean", code, 0) for code in DAMAGES],
+)
+def test_finds_the_planted_damage_and_nothing_else(request, drawing, measured, code, index):
+    broken = DAMAGES[code][index](request.getfixturevalue(measured).campaign)
+    flags = check_campaign(broken, drawing.kinematics)
     assert code in codes(flags)
     assert codes(flags) - BESIDES.get(code, set()) <= {code}
     for flag in flags:
