@@ -138,7 +138,8 @@ class Robot:
             says why; nothing is raised for it.
 
         Raises:
-            BadInputError: the array has another shape or holds a number that is not finite.
+            BadInputError: the array has another shape, holds a number that is not finite or is masked, or is a table
+                with headings, which are not read.
         """
         names = self.drawing.mechanism.loops.drives
         demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"

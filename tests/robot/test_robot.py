@@ -101,3 +101,12 @@ def test_other_arrays_are_refused(drives):
     robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
     with pytest.raises((BadInputError, ValueError)):
         robot.locate_drives(drives)
+
+
+def test_commands_are_the_robots_own_copy():
+    robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
+    drives = np.array([robot.model.definition.home_drives])
+    found = robot.locate_drives(drives)
+    drives[:] = 7.0
+    assert (found.commanded_drives.values != 7.0).all()
+    assert robot.locate_drives([]).sizes["pose"] == 0
