@@ -32,7 +32,7 @@ from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
-from pouring_robot.io.tables import LARGEST, LATEST, read_table, size_fault
+from pouring_robot.io.tables import LARGEST, LATEST, read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -70,9 +70,6 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             numbers = np.asarray(values, dtype=float)
         except ValueError:
             numbers = np.array(np.nan)
-        far = float(np.max(np.abs(numbers), initial=0.0))
-        if too_large := size_fault(far, LATEST if quantity.kind == "time" else LARGEST):
-            raise BadInputError(f"{heading}: {too_large}")
         if UNITS[quantity.kind]:
             numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))
         if not np.isfinite(numbers).all() or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):

@@ -27,7 +27,7 @@ def grid(*axes: ArrayLike) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
+def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
     """Return a copy of numbers that a user gives as an array of a shape, or raise BadInputError(demand).
 
     None is any count; an empty list is none of a table. Labels and masks would go unheard, so tables with named columns
@@ -42,7 +42,15 @@ def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArra
     if array.shape == (0,) and len(shape) > 1:
         array = array.reshape([size or 0 for size in shape])
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
-    if not fits or np.ma.is_masked(values) or not np.isfinite(array).all():
+    if not fits or np.ma.is_masked(values):
+        raise BadInputError(demand)
+    return array
+
+
+def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
+    """Return such :func:`numbers`, of which each must be finite."""
+    array = numbers(values, shape, demand)
+    if not np.isfinite(array).all():
         raise BadInputError(demand)
     return array
 

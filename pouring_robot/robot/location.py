@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.mechanism.arrays import FloatArray, finite, lock_fields
@@ -153,7 +153,7 @@ def error_dataset(
     return xr.Dataset(variables, labels, {"comment": comment})
 
 
-def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
+def as_poses(poses: Any) -> FloatArray:
     """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
     demand = "poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad"
     if isinstance(poses, Sequence) or getattr(poses, "dtype", None) == np.dtype(object):

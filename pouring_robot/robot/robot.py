@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -33,6 +33,7 @@ from pouring_robot.mechanism.drive_jacobians import AxisWeakness, Dexterity, dex
 from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
@@ -353,3 +354,14 @@ class Robot:
             chosen |= {parameter.name: parameter for parameter in found}
         frame = frame or closed.mechanism.loops.working_frame
         return closed_chain_transfer(self.actual_solver, closed, list(chosen.values()), frame).to_dataarray()
+
+
+AnyRobot: TypeAlias = RobotDefinition | RobotModel | Robot | Path | str | None
+"""What says which robot is meant: itself, its model, or the path of a robot or model file; None: the pouring robot."""
+
+
+def definition_of(robot: AnyRobot) -> RobotDefinition:
+    """Return the robot of the drawing that is meant; raises BadInputError where none is, or a file of it is wrong."""
+    if isinstance(robot, RobotDefinition):
+        return robot
+    return (robot.model if isinstance(robot, Robot) else RobotModel.of(robot)).definition
