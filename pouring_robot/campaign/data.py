@@ -369,7 +369,13 @@ class Campaign(Result):
         """
         chosen = np.asarray(rows)
         chosen = np.flatnonzero(chosen) if chosen.dtype == bool and chosen.size == len(self) else chosen
-        if chosen.size == 0 or chosen.dtype.kind not in "iu" or chosen.min() < -len(self) or chosen.max() >= len(self):
+        if (
+            chosen.ndim != 1
+            or chosen.size == 0
+            or chosen.dtype.kind not in "iu"
+            or chosen.min() < -len(self)
+            or chosen.max() >= len(self)
+        ):
             raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
