@@ -39,7 +39,10 @@ class PouringRobot(Robot):
     """The pouring robot (default: its drawing), a :class:`Robot` commanded by poses; BadInputError for another one."""
 
     def __init__(
-        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
+        self,
+        model: RobotModel | Path | str | None = None,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         super().__init__(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):

@@ -94,6 +94,8 @@ def test_heat_of_a_melt_is_the_pouring_robots_and_the_right_call_is_named():
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
     with pytest.raises(BadInputError, match=r"this is a Robot; .* compensate_drives\(robot, "):
         HeatedRobot(robot, None)
+    with pytest.raises(BadInputError, match="heat is the HeatSection of a model"):
+        HeatedRobot(PouringRobot(), "hot")
 
 
 @pytest.mark.parametrize("drives", [[1.0, 2.0], [[1.0, np.nan, 0.0]], [["a", 1, 2]], [[1.0, 2.0]]])
