@@ -57,7 +57,7 @@ def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | No
     if kind == "temperature":
         return int(wrong[0]), temperature_fault(value)
     if kind != "mass":
-        return int(wrong[0]), size_fault(value, high)
+        return int(wrong[0]), size_fault(value, high) or "it must be finite, or NaN where it is unknown"
     return int(wrong[0]), f"{value:g} kg is no load, which is {low:g} to {high:g} kg; check value and unit"
 
 

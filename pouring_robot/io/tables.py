@@ -26,10 +26,9 @@ LATEST = 1e3 * LARGEST
 
 
 def size_fault(value: float, largest: float = LARGEST) -> str:
-    """Return why a number is none of a quantity's, or "" if it may be one or is missing."""
-    return (
-        "" if not abs(value) > largest else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
-    )
+    """Return why a finite number is none of a quantity's, or "" if it may be one."""
+    fits = abs(value) <= largest or not math.isfinite(value)
+    return "" if fits else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def test_what_a_file_may_not_hold_a_campaign_does_not(real, tmp_path):
     for name, value, said in (
         ("payload", -5.0, "row 1 of the campaign, payload_kg: -5 kg is no load"),
         ("leg1", 9999.0, "leg1_degC: 9999 degC is hotter than any melt"),
-        ("time", np.inf, "time_s: inf is larger than any quantity"),
+        ("time", np.inf, "time_s: it must be finite, or NaN where it is unknown"),
         ("payload", "heavy", "'payload' of the campaign must be numbers"),
     ):
         with pytest.raises(BadInputError, match=said):
