@@ -31,6 +31,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -49,12 +50,15 @@ _SURE = 1e-3  # chance at which residuals count as larger than the noise
 class CalibrationOptions:
     """What to identify and how."""
 
-    parameters: tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
+    parameters: str | tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
     tolerances: Tolerances | None = None  # priors; by default the shipped ones
     hold_out: HoldOut = "auto"  # what kind of blocks to hold out
     choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept
     fit: FitOptions = field(default_factory=FitOptions)
     threads: int | None = None  # how many share the work; by default one a core
+
+    def __post_init__(self) -> None:
+        expect(self.tolerances, Tolerances | None, "tolerances are Tolerances, such as Tolerances.load reads")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,6 +116,7 @@ def calibrate(
         BadInputError: the parameters or tolerances are wrong.
     """
     options, model = options or CalibrationOptions(), RobotModel.of(model)
+    expect(options, CalibrationOptions, "options of a calibration are CalibrationOptions")
     campaign = Campaign.of(campaign, model.definition)
     tolerances = options.tolerances or Tolerances.of(model.definition)
     candidates = ParameterCatalogue(model.definition).groups(options.parameters)

@@ -11,28 +11,27 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_path, read_metadata
+from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_in, metadata_path, read_metadata
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
-from pouring_robot.io.quantities import Quantity, read_quantities
-from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault, read_quantities
+from pouring_robot.io.tables import Table, table_of
+from pouring_robot.mechanism.arrays import FloatArray, finite, numbers, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.robot import AnyRobot, definition_of
 
 if TYPE_CHECKING:
     import pandas
 
 BoolArray: TypeAlias = NDArray[np.bool_]
-AnyRobot: TypeAlias = RobotDefinition | RobotModel | Robot | Path | str | None
-"""What says which robot is meant: itself, its model, or the path of a robot or model file; None: the pouring robot."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,21 +79,33 @@ class Campaign(Result):
     conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lines", read_only(np.array(self.lines, dtype=np.int64)))
+        expect(self.path, Path | str, "the path of a campaign is that of its table, or the one it would have")
+        expect(self.metadata, CampaignMetadata, "the metadata of a campaign are CampaignMetadata")
+        lines = finite(self.lines, (None,), "the lines of a campaign are whole numbers, one a row")
+        changed = {"robot": definition_of(self.robot), "path": Path(self.path), "lines": read_only(lines.astype(int))}
+        for name, value in changed.items():
+            object.__setattr__(self, name, value)
         rows = len(self)
         if rows == 0:
             raise BadInputError("a campaign needs at least one row")
-        if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
+        if {len(as_tuple(names)) for names in (self.samples, self.sessions, self.distance_from or self.samples)} != {
+            rows
+        }:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
         for name, parts in columns.array_names(self.robot).items():
             values = getattr(self, name)
-            if values is not None:
+            if values is not None or name in ("drives", "position_m"):
                 object.__setattr__(self, name, _checked(name, values, (rows, len(parts))))
         unknown = next((name for name in self.conditions if name not in self._condition_names), None)
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
         object.__setattr__(self, "conditions", MappingProxyType(kept))
+        for quantity in self._quantities.values():
+            values = None if quantity.kind == "label" else self.command(quantity.name)
+            if values is not None and (fault := first_fault(values, quantity.kind)):
+                row, said = fault
+                raise BadInputError(f"row {row + 1} of the campaign, {quantity.canonical}: {said}")
 
     @functools.cached_property
     def _quantities(self) -> dict[str, Quantity]:
@@ -119,8 +130,7 @@ class Campaign(Result):
         """
         if isinstance(campaign, Path | str):
             return cls.read(campaign, robot)
-        if not isinstance(campaign, Campaign):
-            raise BadInputError(f"a campaign is a Campaign or the path of its table, not a {type(campaign).__name__}")
+        expect(campaign, Campaign, "a campaign is a Campaign (from_frame makes one) or the path of its table")
         if robot is not None and campaign.robot.name != robot.name:
             raise BadInputError(f"the campaign is one of {campaign.robot.name}, the model one of {robot.name}")
         return campaign
@@ -139,18 +149,44 @@ class Campaign(Result):
             CampaignFileError: a key or value of the YAML file is wrong; names line and key.
             BadInputError: ``robot`` is none, or a file of it is wrong.
         """
-        path, robot = Path(path), _definition(robot)
-        quantities = columns.campaign_columns(robot)
-        example = next(quantity for quantity in quantities if quantity.required).headings[-1]
+        expect(path, Path | str, "a campaign is read from the path of its table, and from_frame takes a data frame")
+        path, robot = Path(path), definition_of(robot)
         try:
-            table = read_quantities(path, quantities, example, CampaignError)
+            table = _quantities_in(path, robot)
         except CampaignError as problem:
             _refuse_campaign_of_another(path, robot, problem)
             raise
+        return cls._of_table(table, robot, read_metadata(metadata_path(path)))
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pandas.DataFrame,
+        metadata: CampaignMetadata | Mapping[str, Any],
+        robot: AnyRobot = None,
+        *,
+        path: Path | str = "campaign.csv",
+    ) -> Campaign:
+        """Make a campaign of a pandas data frame with the columns of its table, units on their names.
+
+        ``metadata`` may be a mapping that says what the YAML file says, ``{}`` nothing; ``path`` is the name that the
+        campaign is to have. Raises as :meth:`read`; rows are counted from 1.
+        """
+        import pandas
+
+        expect(frame, pandas.DataFrame, "a campaign is made from a pandas DataFrame with units on its columns' names")
+        expect(metadata, CampaignMetadata | Mapping, "the metadata of a campaign are a mapping of what its YAML holds")
+        robot, path = definition_of(robot), Path(path)
+        if not isinstance(metadata, CampaignMetadata):
+            metadata = metadata_in(metadata, path.with_suffix(".yaml"))
+        return cls._of_table(_quantities_in(table_of(frame, path, CampaignError), robot), robot, metadata)
+
+    @classmethod
+    def _of_table(cls, table: QuantityTable, robot: RobotDefinition, metadata: CampaignMetadata) -> Campaign:
         found = cls(
             robot=robot,
-            path=path,
-            metadata=read_metadata(metadata_path(path)),
+            path=table.table.path,
+            metadata=metadata,
             lines=table.table.lines,
             samples=table.labels.get("sample", ("",) * len(table)),
             sessions=columns.sessions_of(table),
@@ -162,7 +198,7 @@ class Campaign(Result):
         for row, name in enumerate(found.distance_from):
             if name and (found.samples.count(name) != 1 or found.samples[row] == name):
                 wrong = f"line {found.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
-                raise CampaignError(path, wrong)
+                raise CampaignError(found.path, wrong)
         return found
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
@@ -333,7 +369,13 @@ class Campaign(Result):
         """
         chosen = np.asarray(rows)
         chosen = np.flatnonzero(chosen) if chosen.dtype == bool and chosen.size == len(self) else chosen
-        if chosen.size == 0 or chosen.dtype.kind not in "iu" or chosen.min() < -len(self) or chosen.max() >= len(self):
+        if (
+            chosen.ndim != 1
+            or chosen.size == 0
+            or chosen.dtype.kind not in "iu"
+            or chosen.min() < -len(self)
+            or chosen.max() >= len(self)
+        ):
             raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
@@ -358,10 +400,10 @@ class Campaign(Result):
                 yield quantity, values
 
 
-def _definition(robot: AnyRobot) -> RobotDefinition:
-    if isinstance(robot, RobotDefinition):
-        return robot
-    return (robot.model if isinstance(robot, Robot) else RobotModel.of(robot)).definition
+def _quantities_in(table: Table | Path, robot: RobotDefinition) -> QuantityTable:
+    quantities = columns.campaign_columns(robot)
+    example = next(quantity for quantity in quantities if quantity.required).headings[-1]
+    return read_quantities(table, quantities, example, CampaignError)
 
 
 def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
@@ -376,10 +418,8 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
         raise CampaignError(path, f"{said}; {mend}") from problem
 
 
-def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    if np.shape(values) != shape:
-        raise BadInputError(f"'{name}' of the campaign must have shape {shape}, not {np.shape(values)}")
-    return read_only(np.array(values, dtype=np.float64))
+def _checked(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
+    return read_only(numbers(values, shape, f"'{name}' of the campaign must be numbers of the shape {shape}"))
 
 
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:

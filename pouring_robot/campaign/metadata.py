@@ -155,8 +155,12 @@ def metadata_path(path: Path | str) -> Path:
 
 def read_metadata(path: Path | str) -> CampaignMetadata:
     """Read the YAML file of a campaign; raises CampaignFileError, with line and key, if it or a value is wrong."""
-    path = Path(path)
-    file = validate(_FILE, read_yaml(path, CampaignFileError), path, CampaignFileError)
+    return metadata_in(read_yaml(path, CampaignFileError), path)
+
+
+def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadata:
+    """Return what such a file, which is or would be at ``path``, says; raises as :func:`read_metadata`."""
+    file = validate(_FILE, content, path, CampaignFileError)
     facts = file.facts()
     for name in _UNITS:
         facts |= getattr(file, name).facts()

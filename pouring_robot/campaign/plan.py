@@ -101,10 +101,12 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     them shows.
 
     Raises:
-        BadInputError: the count is not between 1 and 100,000, or hardly any command is within reach.
+        BadInputError: the count is not between 1 and 100,000, the seed is negative, or hardly any pose is in reach.
     """
     if not (isinstance(count, int | np.integer) and 1 <= count <= _MOST_POSES):
         raise BadInputError(f"a plan has 1 to {_MOST_POSES} poses, not {count}")
+    if not (isinstance(seed, int | np.integer) and seed >= 0):
+        raise BadInputError(f"the seed of a plan is a whole number from 0 on, not {seed}")
     random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)
     poses: list[Command] = []
     drives: list[FloatArray] = []

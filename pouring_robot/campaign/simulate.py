@@ -15,6 +15,7 @@ from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.io.threads import one_blas_thread
@@ -107,12 +108,15 @@ def simulate_campaign(
     on the conditions of the plan.
 
     Raises:
-        BadInputError: more outliers than rows are asked for, or the robot has redundant drives: what they read follows
-            from where the body is, not the other way round.
+        BadInputError: there is no plan, another number of robots or more outliers than rows are asked for, or the robot
+            has redundant drives: what they read follows from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
+    expect(plan, PosePlan, "what is measured is a PosePlan, such as of random_plan or read_plan")
     rows = len(plan)
+    if robots is not None and len(robots) != rows:
+        raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
     if robot.model.loops().redundant_drives:
         raise BadInputError(
             f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "

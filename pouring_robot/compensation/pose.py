@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
+from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -30,6 +31,7 @@ from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.network.history import POSE_COLUMNS
@@ -182,12 +184,15 @@ def tilt_rates(turns: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def compensate(
-    heated: HeatedRobot, wanted: PlatformPose, frame: str | None = None, heat_moves_m: FloatArray | None = None
+    heated: HeatedRobot | PouringRobot,
+    wanted: PlatformPose,
+    frame: str | None = None,
+    heat_moves_m: FloatArray | None = None,
 ) -> Compensation:
     """Return the drive values that bring the actual ladle to a pose.
 
     Args:
-        heated: the robot as built and how warm it is.
+        heated: the robot as built and how warm it is; a PouringRobot is cold.
         wanted: x, y, z and tilt of the moving platform, as for a robot of the drawing.
         frame: the frame whose position shall be where that pose has it in the drawing; by default the moving platform.
             With the lip, the platform gives way so that the lip is right.
@@ -195,6 +200,7 @@ def compensate(
             paper's sum: for the cold robot, sent as far the other way. What is left is still that of the full closure.
 
     Raises:
+        BadInputError: the robot or the pose is none.
         UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
         CompensationError: no drive values are found.
         SingularPoseError: the drives do not command the four freedoms at this pose.
@@ -202,6 +208,8 @@ def compensate(
         ThermalSolutionError: no temperatures are found.
         UnknownFrameError: there is no such frame.
     """
+    heated = heated if isinstance(heated, HeatedRobot) else HeatedRobot(heated)
+    expect(wanted, PlatformPose, "compensate brings the ladle to a PlatformPose")
     kinematics = heated.robot.kinematics
     loops = kinematics.mechanism.loops
     frame = frame or loops.end_frame or ""

@@ -36,6 +36,7 @@ from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -53,15 +54,18 @@ _OUTLIER_ROUNDS = 3
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to diagnose; a BadInputError where the rate of false names is no share."""
+    """How to diagnose; a BadInputError where the rate of false names is no share or suggestions are no number."""
 
-    exclude: tuple[str, ...] = ()  # ids of effects that are not to be named
+    exclude: str | tuple[str, ...] = ()  # ids of effects that are not to be named
     hold_out: HoldOut = "auto"  # kind of block that takes no part
     # rate of false names that is accepted where nothing is missing; every threshold of the evidence follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
     next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
+        expect(self.false_names, float | int, "the rate of false names is a share between 0 and 1")
+        if not (isinstance(self.next_count, int | np.integer) and self.next_count >= 0):
+            raise BadInputError(f"so many measurements cannot be suggested: {self.next_count}; give a whole number")
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
 
@@ -118,6 +122,7 @@ def diagnose(
         FrameFitError: too few rows have a pose and a position.
     """
     options, model = options or DiagnosisOptions(), RobotModel.of(model)
+    expect(options, DiagnosisOptions, "options of a diagnosis are DiagnosisOptions")
     campaign = seen_from_one_place(Campaign.of(campaign, model.definition), model)
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data", 0, 0)

@@ -22,10 +22,12 @@ from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, MissingConditionsError, closest
+from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import AnyRobot, definition_of
 
 GROUP = "pouring_robot.effects"
 FAMILIES: dict[str, type[Family]] = {
@@ -58,12 +60,12 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
+def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
     """Return the library's effects and those of installed packages for a robot, by id; by default the default drawing.
 
     Raises BadInputError if a package's effect cannot be loaded, is none, or has the id of another one.
     """
-    robot = robot or RobotModel().definition
+    robot = definition_of(robot)
     found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}
     for entry in entry_points(group=GROUP):
         try:
@@ -96,9 +98,9 @@ def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
     return found
 
 
-def chosen_effects(robot: RobotDefinition | None = None, exclude: Sequence[str] = ()) -> dict[str, Effect]:
+def chosen_effects(robot: AnyRobot = None, exclude: str | Sequence[str] = ()) -> dict[str, Effect]:
     """Return all effects but some; raises BadInputError if an effect to leave out does not exist."""
-    found = all_effects(robot)
+    found, exclude = all_effects(robot), as_tuple(exclude)
     for name in exclude:
         if name not in found:
             raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")

@@ -32,14 +32,14 @@ from pouring_robot.effects.registry import all_effects, local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
-from pouring_robot.io.tables import LARGEST, LATEST, read_table, size_fault
+from pouring_robot.io.tables import LARGEST, LATEST, read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.robot.robot import Command, Robot
+from pouring_robot.robot.robot import NUMBERS, Command, Robot
 
 Given = Mapping[str, ArrayLike | str | Sequence[str]]
 """Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""
@@ -70,9 +70,6 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             numbers = np.asarray(values, dtype=float)
         except ValueError:
             numbers = np.array(np.nan)
-        far = float(np.max(np.abs(numbers), initial=0.0))
-        if too_large := size_fault(far, LATEST if quantity.kind == "time" else LARGEST):
-            raise BadInputError(f"{heading}: {too_large}")
         if UNITS[quantity.kind]:
             numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))
         if not np.isfinite(numbers).all() or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):
@@ -136,7 +133,8 @@ class RobotUnderConditions:
         engine = engine_for(self.robot.nominal_solver.mechanism)
         closure = engine.close(drives, self.robot.drawing.starts(drives))
         if (closure.status != 0).any():
-            raise NoSolutionError(f"command {int(np.argmax(closure.status != 0)) + 1}: no pose has these drive values")
+            first = int(np.argmax(closure.status != 0)) + 1
+            raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
 
         def counted(learned: LearnedCampaign | None) -> Conditions:
@@ -244,7 +242,8 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
     of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
     robot = model if isinstance(model, Robot) else robot_of(RobotModel.of(model))
-    return RobotUnderConditions(robot, given).robots(np.array([robot.drives_of(command) for command in commands]))
+    under, drives = RobotUnderConditions(robot, given), [robot.drives_of(command) for command in commands]
+    return under.robots(np.array(drives)) if drives else []
 
 
 def compensate_under(

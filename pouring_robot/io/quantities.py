@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 
 Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
@@ -31,8 +31,13 @@ UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
 
 Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
 """
-LIMITS: dict[Kind, tuple[float, float]] = {"mass": (0.0, 1e4), "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC)}
-"""What loads and temperatures lie between, in inner units; beyond is no load or temperature of any robot."""
+LIMITS: dict[Kind, tuple[float, float]] = {
+    "mass": (0.0, 1e4),
+    "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC),
+    "time": (-LATEST, LATEST),
+    "length": (-1e-3 * LARGEST, 1e-3 * LARGEST),  # as it may be written in mm
+}
+"""What quantities of a kind lie between, in inner units; beyond is none of any robot. Others are at most LARGEST."""
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units}
 
 
@@ -44,13 +49,15 @@ def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
 
 def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | None:
     """Return index of and words on the first value, in the inner unit, beyond :data:`LIMITS`; None: there is none."""
-    low, high = LIMITS.get(kind, (-np.inf, np.inf))
+    low, high = LIMITS.get(kind, (-LARGEST, LARGEST))
     wrong = np.flatnonzero((values < low) | (values > high))
     if not wrong.size:
         return None
     value = float(values.flat[wrong[0]])
     if kind == "temperature":
         return int(wrong[0]), temperature_fault(value)
+    if kind != "mass":
+        return int(wrong[0]), size_fault(value, high) or "it must be finite, or NaN where it is unknown"
     return int(wrong[0]), f"{value:g} kg is no load, which is {low:g} to {high:g} kg; check value and unit"
 
 
@@ -96,9 +103,9 @@ class QuantityTable:
 
 
 def read_quantities(
-    path: Path | str, quantities: Sequence[Quantity], example: str, error: type[TableError] = TableError
+    path: Path | str | Table, quantities: Sequence[Quantity], example: str, error: type[TableError] = TableError
 ) -> QuantityTable:
-    """Read a table of the given quantities, and maybe of columns of the user's own, as :func:`read_table` does.
+    """Read a table, given or by its path, of quantities and maybe columns of the user's own, as :func:`read_table`.
 
     Empty cells are missing values, as are the ``nan`` that some programs write for them. A heading unlike every
     known one is a user's own column and left out; one that is nearly a known one is a slip of the pen and refused.
@@ -108,7 +115,7 @@ def read_quantities(
             stands twice; a required quantity is missing; there is no row; or a cell is no number, or a load or a
             temperature that cannot be (:data:`LIMITS`).
     """
-    table = read_table(path, example, error, short_rows=False)
+    table = path if isinstance(path, Table) else read_table(path, example, error, short_rows=False)
     places = _understand(table, quantities)
     if not len(table):
         raise error(table.path, "holds no row; each row is one static pose")
@@ -125,7 +132,7 @@ def read_quantities(
 
 
 def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.sparse_numbers(index)
+    values = table.sparse_numbers(index, LATEST if quantity.kind == "time" else LARGEST)
     if not UNITS[quantity.kind]:
         return values
     inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])

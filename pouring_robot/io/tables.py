@@ -87,14 +87,14 @@ class Table:
         """
         return self._read(index, math.isfinite, "is not a finite number", empty, largest)
 
-    def sparse_numbers(self, index: int) -> NDArray[np.float64]:
-        """Return the cells of a column as numbers (n,), NaN where a cell is empty (or says ``nan``).
+    def sparse_numbers(self, index: int, largest: float = LARGEST) -> NDArray[np.float64]:
+        """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
 
         Raises:
             TableError: a cell is no number, or larger than any quantity.
         """
         said = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
-        return self._read(index, lambda value: not math.isinf(value), said)
+        return self._read(index, lambda value: not math.isinf(value), said, None, largest)
 
     def _read(
         self,
@@ -153,6 +153,12 @@ def read_table(
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     headings = tuple(str(cell).strip() for cell in first)
     return Table(path, headings, lines, error, heading_line, lambda index: [cells[index] for _, cells in rows])
+
+
+def table_of(frame: Any, path: Path, error: type[TableError] = TableError) -> Table:
+    """Return a data frame of pandas as a table that would be at ``path``; rows are counted from 1."""
+    headings = tuple(str(name).strip() for name in frame.columns)
+    return Table(path, headings, np.arange(1, len(frame) + 1), error, None, lambda k: _cells(frame.iloc[:, k].tolist()))
 
 
 def csv_text(headings: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
@@ -233,10 +239,15 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
 
 def _rows_of(sheet: Iterable[Sequence[Any]]) -> _Rows:
     """Return line number and cells of every line of a sheet that holds something."""
+    rows = map(_cells, sheet)
+    return [(line, row) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
+
+
+def _cells(given: Iterable[Any]) -> list[Any]:
+    """Return cells of pandas, "" for those that are missing."""
     import pandas as pd
 
-    rows = [["" if pd.isna(cell) else cell for cell in row] for row in sheet]
-    return [(line, row) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
+    return ["" if pd.isna(cell) else cell for cell in given]
 
 
 def _read_parquet(path: Path, error: type[TableError]) -> Table:

@@ -7,7 +7,7 @@ and :func:`validate`, so that a misspelt key is reported in the same words every
 import difflib
 import functools
 import numbers
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -19,7 +19,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scalarbool import ScalarBoolean
 
-from pouring_robot.exceptions import DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.tables import LARGEST
 
 Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
@@ -49,9 +49,21 @@ def _a_number(refused_as: Literal["float_type", "int_type"], value: Any) -> Any:
 
 
 class StrictModel(pydantic.BaseModel):
-    """Base of all file models: immutable, no unknown keys, numbers are numbers, no NaN or infinity."""
+    """Base of all file models: immutable, no unknown keys, numbers are numbers, no NaN or infinity.
+
+    Made in Python it raises BadInputError for what is wrong, of a file :func:`validate` the error of the file.
+    """
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __init__(self, /, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except pydantic.ValidationError as problem:
+            raise BadInputError(f"{type(self).__name__}: {_said(type(self), values, problem)[0]}") from problem
+
+    # Or pydantic would call it for each model within a file's, whose errors have places in the file.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
@@ -126,10 +138,11 @@ def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> 
     ``missing`` says whether its last part is a key that the file does not have.
     """
     found = list[str | int]()
-    for key in location[: len(location) - missing]:
-        if key in content if isinstance(content, CommentedMap) else isinstance(key, int):
+    parts: Any = location[: len(location) - missing]
+    for key in parts:
+        if key in content if isinstance(content, Mapping) else isinstance(key, int):
             found.append(key)
-            content = content[key] if isinstance(content, CommentedMap | CommentedSeq) else None
+            content = content[key] if isinstance(content, Mapping | list) else None
     return [*found, *location[len(location) - missing :]]
 
 
@@ -146,8 +159,33 @@ def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) 
     return [field.alias or name for name, field in current.model_fields.items()]
 
 
+def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.ValidationError) -> tuple[str, int | None]:
+    """Return the first thing wrong in words, and its line, where the content has any."""
+    # A file of another kind says so in its format; a misspelt key is also a missing one. Those are what to mend.
+    errors = sorted(
+        problem.errors(include_url=False),
+        key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
+    )
+    first, *others = errors
+    location = _in_the_file(content, first["loc"], first["type"] == "missing")
+    where = ".".join(str(part) for part in location)
+    if first["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(location[-1]), _known_keys(model, location[:-1]), n=1)
+        message = f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    elif first["type"] == "missing":
+        message = f"key '{where}' is missing"
+    else:
+        given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
+        said = first["msg"].removeprefix("Value error, ")
+        message = f"'{where}': {said}{given}" if where else said
+    return message + (f" (and {len(others)} more)" if others else ""), _line_of(content, location)
+
+
 def validate(
-    model: type[FileModel], content: CommentedMap, path: Path | str, error: type[DescriptionError] = DescriptionError
+    model: type[FileModel],
+    content: Mapping[str, Any],
+    path: Path | str,
+    error: type[DescriptionError] = DescriptionError,
 ) -> FileModel:
     """Turn the content of a YAML file into ``model``.
 
@@ -158,23 +196,5 @@ def validate(
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as problem:
-        # A file of another kind says so in its format; a misspelt key is also a missing one. Those are what to mend.
-        errors = sorted(
-            problem.errors(include_url=False),
-            key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
-        )
-        first, *others = errors
-        location = _in_the_file(content, first["loc"], first["type"] == "missing")
-        where = ".".join(str(part) for part in location)
-        line = _line_of(content, location)
-        if first["type"] == "extra_forbidden":
-            near = difflib.get_close_matches(str(location[-1]), _known_keys(model, location[:-1]), n=1)
-            message = f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
-        elif first["type"] == "missing":
-            message = f"key '{where}' is missing"
-        else:
-            given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
-            said = first["msg"].removeprefix("Value error, ")
-            message = f"'{where}': {said}{given}" if where else said
-        more = f" (and {len(others)} more)" if others else ""
-        raise error(path, (f"line {line}: " if line else "") + message + more) from problem
+        message, line = _said(model, content, problem)
+        raise error(path, (f"line {line}: " if line else "") + message) from problem

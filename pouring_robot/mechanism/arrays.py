@@ -27,14 +27,30 @@ def grid(*axes: ArrayLike) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
-    """Return numbers that a user gives as an array of a shape, None for any count, or raise BadInputError(demand)."""
+def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
+    """Return a copy of numbers that a user gives as an array of a shape, or raise BadInputError(demand).
+
+    None is any count; an empty list is none of a table. Labels and masks would go unheard, so tables with named columns
+    and masked values are refused.
+    """
+    if hasattr(values, "columns"):
+        raise BadInputError(f"{demand}; a table's headings are not read: convert its columns and give to_numpy()")
     try:
-        array = np.asarray(values, dtype=float)
+        array = np.array(values, dtype=float)
     except (TypeError, ValueError):
         raise BadInputError(demand) from None
+    if array.shape == (0,) and len(shape) > 1:
+        array = array.reshape([size or 0 for size in shape])
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
-    if not fits or not np.isfinite(array).all():
+    if not fits or np.ma.is_masked(values):
+        raise BadInputError(demand)
+    return array
+
+
+def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
+    """Return such :func:`numbers`, of which each must be finite."""
+    array = numbers(values, shape, demand)
+    if not np.isfinite(array).all():
         raise BadInputError(demand)
     return array
 

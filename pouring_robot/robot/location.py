@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.mechanism.arrays import FloatArray, finite, lock_fields
@@ -153,12 +153,12 @@ def error_dataset(
     return xr.Dataset(variables, labels, {"comment": comment})
 
 
-def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
+def as_poses(poses: Any) -> FloatArray:
     """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
-    given: list[Any] = list(np.atleast_1d(np.asarray(poses, dtype=object)))
-    rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
     demand = "poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad"
-    return finite(rows or np.empty((0, 4)), (None, 4), demand)
+    if isinstance(poses, Sequence) or getattr(poses, "dtype", None) == np.dtype(object):
+        poses = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in poses]
+    return finite(poses, (None, 4), demand)
 
 
 def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:

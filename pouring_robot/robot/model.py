@@ -21,6 +21,7 @@ from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
 from pouring_robot.io.files import write_whole
+from pouring_robot.io.given import expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -145,8 +146,7 @@ class RobotModel(StrictModel):
         """Return a model: itself, of its file, or (None) the default drawing; raises BadInputError for all else."""
         if isinstance(model, Path | str):
             return cls.load(model)
-        if not isinstance(model, RobotModel | None):
-            raise BadInputError(f"a model is a RobotModel or the path of its file, not a {type(model).__name__}")
+        expect(model, RobotModel | None, "a model is a RobotModel or the path of its file")
         return model or cls()
 
     def __eq__(self, other: object) -> bool:

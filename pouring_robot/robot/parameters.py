@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters, placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -77,6 +78,7 @@ class ParameterCatalogue:
 
         A pattern means the errors of the machine: DH numbers that drop out must be asked for by their full names.
         """
+        expect(name, str, "parameters are asked for by name")
         if name in self.parameters:
             return (self.parameters[name],)
         patterns = [
@@ -100,7 +102,7 @@ class ParameterCatalogue:
         """
         taken: set[str] = set()
         groups = []
-        for name in dict.fromkeys(group for asked in wanted for group in self._sets.get(asked, (asked,))):
+        for name in dict.fromkeys(group for asked in as_tuple(wanted) for group in self._sets.get(asked, (asked,))):
             found = self.match(name)
             seen = [p for p in found if not p.hidden_by]
             if not seen:

@@ -39,7 +39,10 @@ class PouringRobot(Robot):
     """The pouring robot (default: its drawing), a :class:`Robot` commanded by poses; BadInputError for another one."""
 
     def __init__(
-        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
+        self,
+        model: RobotModel | Path | str | None = None,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         super().__init__(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):
@@ -86,6 +89,9 @@ class PouringRobot(Robot):
             For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
             ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
             A pose that has no answer is NaN, its status says why; nothing is raised for it.
+
+        Raises:
+            BadInputError: the poses are none; as :meth:`locate_drives`.
         """
         if isinstance(pose, pin.SE3):
             raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")

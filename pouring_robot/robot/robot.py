@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
+from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -33,6 +34,7 @@ from pouring_robot.mechanism.drive_jacobians import AxisWeakness, Dexterity, dex
 from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
@@ -47,6 +49,8 @@ if TYPE_CHECKING:
 
 Command = PlatformPose | Target | FloatArray | Sequence[float]
 """What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
+NUMBERS = "numbers are drive values, in m and rad, and a pose is a PlatformPose or a Target"
+"""What a command of numbers means, for errors."""
 _MOST_TRIES = 12
 
 
@@ -75,9 +79,12 @@ class Robot:
     """
 
     def __init__(
-        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
+        self,
+        model: RobotModel | Path | str | None = None,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        self.model = model or RobotModel()
+        self.model = RobotModel.of(model)
         self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
@@ -138,7 +145,8 @@ class Robot:
             says why; nothing is raised for it.
 
         Raises:
-            BadInputError: the array has another shape or holds a number that is not finite.
+            BadInputError: the array has another shape, holds a number that is not finite or is masked, or is a table
+                with headings, which are not read.
         """
         names = self.drawing.mechanism.loops.drives
         demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"
@@ -225,7 +233,7 @@ class Robot:
 
     def _commanded(self, drives: Sequence[float] | FloatArray) -> FloatArray:
         names = self.drawing.mechanism.loops.drives
-        return finite(drives, (len(names),), f"give one finite value for each drive: {', '.join(names)}")
+        return finite(drives, (len(names),), f"give one finite value for each drive: {', '.join(names)}; {NUMBERS}")
 
     def location_in_the_middle(self) -> Location:
         """Return the location at the home, or in the middle of the workspace; raises NoSolutionError."""
@@ -345,10 +353,21 @@ class Robot:
         NoSolutionError where the drives do not determine the frame.
         """
         closed = self.actual_of(command)
-        named = (parameters,) if isinstance(parameters, str) else parameters
         chosen: dict[str, LocalParameter] = {}
-        for item in named:
-            found = [p.local for p in self.parameters.match(item)] if isinstance(item, str) else [item]
+        for item in as_tuple(parameters):
+            local = isinstance(item, LocalParameter)
+            found = [item] if local else [p.local for p in self.parameters.match(item)]
             chosen |= {parameter.name: parameter for parameter in found}
         frame = frame or closed.mechanism.loops.working_frame
         return closed_chain_transfer(self.actual_solver, closed, list(chosen.values()), frame).to_dataarray()
+
+
+AnyRobot: TypeAlias = RobotDefinition | RobotModel | Robot | Path | str | None
+"""What says which robot is meant: itself, its model, or the path of a robot or model file; None: the pouring robot."""
+
+
+def definition_of(robot: AnyRobot) -> RobotDefinition:
+    """Return the robot of the drawing that is meant; raises BadInputError where none is, or a file of it is wrong."""
+    if isinstance(robot, RobotDefinition):
+        return robot
+    return (robot.model if isinstance(robot, Robot) else RobotModel.of(robot)).definition

@@ -1,6 +1,12 @@
 """A campaign as a user holds it: one import, one line at the prompt, a small table in a notebook."""
 
-from pouring_robot import Campaign
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pouring_robot import BadInputError, Campaign
+from pouring_robot.exceptions import CampaignError, CampaignFileError
 
 
 def test_a_campaign_is_read_shown_and_saved(real, tmp_path):
@@ -10,3 +16,44 @@ def test_a_campaign_is_read_shown_and_saved(real, tmp_path):
     assert repr(campaign) == f"<Campaign: {len(campaign)} full poses in 1 session, c.csv>"
     assert campaign.headline in campaign._repr_html_()
     assert len(campaign.to_frame()) == len(campaign)
+
+
+def test_a_campaign_is_made_from_a_data_frame(real):
+    frame = real.campaign.to_frame()
+    made = Campaign.from_frame(frame, {"metrology": {"sigma_position_mm": 0.05}})
+    np.testing.assert_array_equal(made.drives, real.campaign.drives)
+    assert made.sessions == real.campaign.sessions
+    assert made.metadata.sigma_position_m == pytest.approx(5e-5)
+    with pytest.raises(CampaignError, match="line 3, column 'x_m': 'far' is not a usable number"):
+        Campaign.from_frame(frame.astype(object).replace({"x_m": {frame["x_m"][2]: "far"}}), {})
+    with pytest.raises(CampaignFileError, match=r"unknown key 'metrology.sigma'"):
+        Campaign.from_frame(frame, {"metrology": {"sigma": 1.0}})
+
+
+def test_what_a_file_may_not_hold_a_campaign_does_not(real, tmp_path):
+    campaign = real.campaign
+    for name, value, said in (
+        ("payload", -5.0, "row 1 of the campaign, payload_kg: -5 kg is no load"),
+        ("leg1", 9999.0, "leg1_degC: 9999 degC is hotter than any melt"),
+        ("time", np.inf, "time_s: it must be finite, or NaN where it is unknown"),
+        ("payload", "heavy", "'payload' of the campaign must be numbers"),
+    ):
+        with pytest.raises(BadInputError, match=said):
+            campaign.with_conditions(**{name: [value] * len(campaign)})
+    far = campaign.position_m + 1e7
+    with pytest.raises(BadInputError, match=r"x_m: 1e\+07 is larger than any quantity"):
+        dataclasses.replace(campaign, position_m=far)
+    since_1970 = campaign.with_conditions(time=np.arange(len(campaign)) + 1.7e9)
+    assert Campaign.read(since_1970.save(tmp_path / "c.csv")[0]).time_s[0] == 1.7e9
+
+
+@pytest.mark.parametrize("name", ["path", "metadata", "lines", "samples", "sessions", "drives", "position_m"])
+def test_a_campaign_lacks_nothing(real, name):
+    with pytest.raises(BadInputError, match="campaign"):
+        dataclasses.replace(real.campaign, **{name: None})
+
+
+@pytest.mark.parametrize("path", [None, 5, [1.0]])
+def test_a_campaign_is_read_from_a_path(path):
+    with pytest.raises(BadInputError, match="from_frame takes a data frame"):
+        Campaign.read(path)

@@ -152,3 +152,13 @@ def test_truth_is_json(real):
     assert truth["seed"] == 5
     assert len(truth["actual_poses"]) == 80
     assert set(truth["pose_platform_to_target"]) == {"translation_mm", "rotation_vector_rad"}
+
+
+def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
+    plan = random_plan(drawing, 3, seed=1)
+    with pytest.raises(BadInputError, match="what is measured is a PosePlan"):
+        simulate_campaign(drawing, list(plan.poses))
+    with pytest.raises(BadInputError, match="2 robots do not stand at 3 poses"):
+        simulate_campaign(drawing, plan, robots=[drawing] * 2)
+    with pytest.raises(BadInputError, match="seed of a plan is a whole number from 0 on, not -1"):
+        random_plan(drawing, 3, seed=-1)

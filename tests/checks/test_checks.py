@@ -83,7 +83,7 @@ DAMAGES = {
     "condition_unit": [
         changed("truss_travel", lambda v: v * 1e3),
         changed("payload", lambda v: v / 1e3),
-        changed("payload", lambda v: v * 1e3),
+        changed("payload", lambda v: np.minimum(v * 1e3, 1e4)),  # as far as a file may say
         changed("time", lambda v: v / 60.0),
         changed("time", lambda v: v / 3600.0),
         changed("ambient", lambda v: v * 1.8 + 32.0),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.compensation.pose import commands_csv, compensate
-from pouring_robot.exceptions import CompensationError, UnknownFrameError, UnreachablePoseError
+from pouring_robot.exceptions import BadInputError, CompensationError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
@@ -164,3 +164,9 @@ def test_a_result_is_told_on_one_line(hot):
     found = compensate(hot, POSE)
     assert repr(found).startswith("<Compensation: 'moving_platform' ") and "\n" not in repr(found)
     assert found.to_frame()["q1_mm"][0] == pytest.approx(found.drives["leg1_s3"] * 1e3)
+
+
+def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
+    assert compensate(as_built, POSE).drives == compensate(HeatedRobot(as_built), POSE).drives
+    with pytest.raises(BadInputError, match="brings the ladle to a PlatformPose, not a ndarray"):
+        compensate(as_built, np.zeros(4))

@@ -1,7 +1,6 @@
 """The effect stack of a model file: read, written, put into the robot row by row, and what is wrong with one."""
 
 import numpy as np
-import pydantic
 import pytest
 
 from pouring_robot.effects.examples import complete_conditions
@@ -138,5 +137,5 @@ def test_broken_stack_is_refused_with_its_place(tmp_path, text, said):
 
 
 def test_standard_deviation_is_not_negative():
-    with pytest.raises(pydantic.ValidationError):
+    with pytest.raises(BadInputError, match="ParameterEntry: 'std'"):
         ParameterEntry(value=1.0, std=-1.0, unit="mm")

@@ -7,6 +7,7 @@ import pytest
 from pouring_robot.effects import Effect, all_effects, chosen_effects, registry
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.effects.plugins import installed
 
 CONTRACT = (
@@ -181,3 +182,8 @@ def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):
 
     offering(monkeypatch, Entry("bolt", Leaning))
     assert isinstance(all_effects()["loose_bolt"], Leaning)
+
+
+def test_a_robot_is_told_in_any_way_and_one_effect_by_its_name():
+    assert list(all_effects(PouringRobot())) == list(all_effects())
+    assert "drive_scale" not in chosen_effects(None, "drive_scale")

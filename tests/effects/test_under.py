@@ -11,7 +11,7 @@ from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told
-from pouring_robot.exceptions import BadInputError, MissingConditionsError, ModelFileError
+from pouring_robot.exceptions import BadInputError, MissingConditionsError, ModelFileError, NoSolutionError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -197,7 +197,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({"ambient_C": 30.0}, "'ambient_C' is no condition of pouring_robot; did you mean 'ambient_degC'?"),
         ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC'?"),
         ({"time_s": 1.0, "time_min": 1.0}, "'time_min': the condition 'time' is given twice"),
-        ({"leg1_degC": [20.0, 1e300]}, "leg1_degC: 1e+300 is larger than any quantity (limit 1e+09); check the unit"),
+        ({"leg1_degC": [20.0, 1e300]}, "leg1_degC of command 2: 1e+300 degC is hotter than any melt"),
         ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),
         ({"time_s": [1.0, np.nan]}, "time_s: give a finite number for every command"),
         ({"leg1_degC": -300.0}, "leg1_degC: -300 degC lies below absolute zero"),
@@ -296,3 +296,12 @@ def test_compensation_of_any_robot(tmp_path):
     reached = places(under.robots(commands), commands)
     np.testing.assert_allclose(reached, places([drawing] * rows, drives), atol=1e-9)
     assert min(one.before.distance_m for one in found) > 1e-5
+
+
+def test_no_commands_are_no_robots_and_numbers_are_drives(bench):
+    model = model_with(
+        rows_of(bench.campaign, RobotModel()), EffectEntry(effect="base_drift", form="steady", learned="bench")
+    )
+    assert robots_under(model, [], {}) == []
+    with pytest.raises(NoSolutionError, match=r"command 1: .* numbers are drive values, in m and rad"):
+        robots_under(model, np.array([[-0.1, 0.02, -0.6, 0.3]]), {"time_s": 0.0})

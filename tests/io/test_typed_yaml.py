@@ -5,7 +5,7 @@ from typing import Literal
 import pydantic
 import pytest
 
-from pouring_robot.exceptions import DescriptionError, ModelFileError
+from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 
@@ -114,6 +114,12 @@ def test_missing_file_and_the_kind_of_error(tmp_path):
         read_yaml(tmp_path / "absent.yaml", ModelFileError)
     with pytest.raises(DescriptionError, match="cannot be read"):
         read_yaml(tmp_path)
+
+
+def test_a_model_made_in_python_is_refused_in_the_same_words():
+    with pytest.raises(BadInputError) as problem:
+        Part(mass_kg=1.0, tooth=3)
+    assert str(problem.value) == "Part: unknown key 'tooth'; did you mean 'teeth'?"
 
 
 def test_counts_the_other_mistakes(written):

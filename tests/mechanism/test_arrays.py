@@ -1,9 +1,11 @@
-"""Even choices of many rows."""
+"""Even choices of many rows, and numbers that a user gives."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from pouring_robot.mechanism.arrays import evenly
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import evenly, finite
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 100, 101, 12345])
@@ -16,3 +18,24 @@ def test_all_or_as_many_as_asked_evenly_spread(count, most):
     elif most > 1:
         assert chosen[0] == 0 and chosen[-1] == count - 1
         assert np.ptp(np.diff(chosen)) <= 1
+
+
+def test_numbers_are_copied_and_an_empty_list_is_no_rows():
+    given = np.ones((2, 3))
+    taken = finite(given, (None, 3), "three numbers")
+    given[:] = 0.0
+    assert (taken == 1.0).all()
+    assert finite([], (None, 3), "three numbers").shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        pd.DataFrame({"x_mm": [1.0], "y_mm": [2.0], "z_mm": [3.0]}),
+        np.ma.array([[1.0, 2.0, 3.0]], mask=[[0, 1, 0]]),
+        np.empty((0, 2)),
+    ],
+)
+def test_labels_and_masks_are_not_passed_over(values):
+    with pytest.raises(BadInputError, match="three numbers"):
+        finite(values, (None, 3), "three numbers")

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -47,7 +48,12 @@ def test_an_array_of_poses_is_the_same_as_a_list(as_built):
     assert as_built.locate([]).sizes["pose"] == 0
 
 
-@pytest.mark.parametrize("poses", [[1.0, 2.0], np.zeros((2, 3)), [[0.0, 0.0, np.nan, 0.0]], [[0.0], [1.0, 2.0]], None])
+_TABLE = pd.DataFrame({"x_m": [-0.1], "y_m": [0.0], "z_m": [-0.6], "tilt_deg": [1.0]})
+_MASKED = np.ma.array([[-0.1, 0.0, -0.6, 0.0]], mask=[[0, 1, 0, 0]])
+_NO_POSES = [[1.0, 2.0], np.zeros((2, 3)), np.empty((0, 3)), [[0.0], [1.0, 2.0]], [[0.0, 0.0, np.nan, 0.0]], None]
+
+
+@pytest.mark.parametrize("poses", [*_NO_POSES, _TABLE, _MASKED])
 def test_what_is_no_list_of_poses_is_refused(as_built, poses):
     with pytest.raises(BadInputError, match="shape"):
         as_built.locate(poses)

@@ -37,9 +37,9 @@ def test_numbers_must_be_finite(bad):
     for index in range(3):
         position = [0.0, 0.0, 0.0]
         position[index] = bad
-        with pytest.raises(BadInputError, match=f"pose's x, y, z must be finite numbers, in m, not .*{bad}"):
+        with pytest.raises(BadInputError, match="pose's x, y, z must be finite numbers, in m"):
             PlatformPose(tuple(position), 0.0)
-    with pytest.raises(BadInputError, match="pose's tilt must be a finite number"):
+    with pytest.raises(BadInputError, match="the tilt one, in rad"):
         PlatformPose((0.0, 0.0, 0.0), bad)
     with pytest.raises(BadInputError, match="must be finite numbers, in mm and degrees"):
         PlatformPose.from_mm_deg("a", bad, 0.0, 0.0)
@@ -48,6 +48,16 @@ def test_numbers_must_be_finite(bad):
 def test_a_position_has_three_coordinates():
     with pytest.raises(BadInputError, match="x, y, z must be finite numbers"):
         PlatformPose((0.0, 0.0), 0.0)
+    with pytest.raises(BadInputError, match="x, y, z must be finite numbers"):
+        PlatformPose(None, 0.0)
+
+
+def test_a_pose_keeps_plain_numbers_whatever_it_was_given():
+    row = np.array([-0.1, 0.02, -0.6, 0.3])
+    pose = PlatformPose(row[:3], row[3])
+    assert {pose: "found"}[PlatformPose(["-0.1", 0.02, -0.6], "0.3")] == "found"
+    row[:] = 0.0
+    assert pose.position_m == (-0.1, 0.02, -0.6)
 
 
 def test_difference_is_in_the_axes_of_the_base():

@@ -163,7 +163,7 @@ def test_refusals(drawing):
 def test_loading_takes_files_models_and_nothing():
     by_path, by_text = load_robot(ACTUAL), load_robot(str(ACTUAL))
     by_model = load_robot(RobotModel.load(ACTUAL))
-    assert by_path.model == by_text.model == by_model.model
+    assert by_path.model == by_text.model == by_model.model == PouringRobot(ACTUAL).model
     assert load_robot().model == RobotModel()
 
 
@@ -185,8 +185,11 @@ def test_what_a_loaded_robot_leaves_out_of_its_model_is_said():
 def test_poses_of_another_kind_are_refused_in_one_line(drawing):
     with pytest.raises(BadInputError, match="from_se3"):
         drawing.locate(pin.SE3.Identity())
-    with pytest.raises(BadInputError, match="one finite value for each drive"):
+    with pytest.raises(BadInputError, match=r"one finite value for each drive: .* a pose is a PlatformPose"):
         drawing.transfer(np.zeros((2, 4)))
+    for parameters in (None, [1]):
+        with pytest.raises(BadInputError, match="parameters are asked for by name"):
+            drawing.transfer(PlatformPose((-0.1, 0.0, -0.6), 0.0), parameters)
     with pytest.raises(BadInputError, match="RobotModel or the path of its file, not a int"):
         load_robot(3)
     assert repr(drawing) == "<PouringRobot: layout paper, 0 displaced joints and drives>"

@@ -94,6 +94,8 @@ def test_heat_of_a_melt_is_the_pouring_robots_and_the_right_call_is_named():
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
     with pytest.raises(BadInputError, match=r"this is a Robot; .* compensate_drives\(robot, "):
         HeatedRobot(robot, None)
+    with pytest.raises(BadInputError, match="heat is the HeatSection of a model"):
+        HeatedRobot(PouringRobot(), "hot")
 
 
 @pytest.mark.parametrize("drives", [[1.0, 2.0], [[1.0, np.nan, 0.0]], [["a", 1, 2]], [[1.0, 2.0]]])
@@ -101,3 +103,12 @@ def test_other_arrays_are_refused(drives):
     robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
     with pytest.raises((BadInputError, ValueError)):
         robot.locate_drives(drives)
+
+
+def test_commands_are_the_robots_own_copy():
+    robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
+    drives = np.array([robot.model.definition.home_drives])
+    found = robot.locate_drives(drives)
+    drives[:] = 7.0
+    assert (found.commanded_drives.values != 7.0).all()
+    assert robot.locate_drives([]).sizes["pose"] == 0

@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pydantic
 from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.typed_yaml import validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -160,11 +160,7 @@ class RobotDefinition:
         said["drives"] = tuple(entry.joint for entry in file.drives)
         if isinstance(file.loops, str):
             return load_loops(self.path.parent / file.loops).model_copy(update=said)
-        try:
-            return LoopsFile(mechanism=file.name, loops=file.loops, **said)
-        except pydantic.ValidationError as problem:
-            first = problem.errors(include_url=False)[0]
-            raise DescriptionError(self.path, first["msg"].removeprefix("Value error, ")) from problem
+        return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
 
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
@@ -167,6 +168,7 @@ class HeatedRobot:
                 f"only a PouringRobot is heated by its melt, and this is a {type(robot).__name__}; any robot is "
                 "compensated by compensate_drives(robot, robot.location_at(drives))"
             )
+        expect(heat, HeatSection | None, "heat is the HeatSection of a model, or None for a cold robot")
         self.robot, self.heat = robot, heat
         self._given_network = network
 

@@ -1,0 +1,32 @@
+"""Options of a diagnosis and of a calibration."""
+
+import pytest
+
+from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, calibrate, diagnose
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (DiagnosisOptions, {"false_names": "a"}),
+        (DiagnosisOptions, {"false_names": 1.0}),
+        (DiagnosisOptions, {"next_count": -3}),
+        (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
+    ],
+)
+def test_what_means_nothing_is_refused(kind, given):
+    with pytest.raises(BadInputError):
+        kind(**given)
+
+
+@pytest.mark.parametrize("work", [calibrate, diagnose])
+def test_options_are_of_their_class(work):
+    with pytest.raises(BadInputError, match=r"options of a \w+ are \w+Options, not a dict"):
+        work("campaign.csv", options={"exclude": ()})
+
+
+def test_a_text_is_one_name():
+    catalogue = ParameterCatalogue(RobotModel().definition)
+    assert catalogue.groups("geometry") == catalogue.groups(("geometry",))
