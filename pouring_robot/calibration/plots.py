@@ -13,9 +13,10 @@ _MOST_NAMES = 60
 
 def plots(calibration: CalibrationFindings) -> list[tuple[str, str]]:
     """Return titles and SVG."""
+    _, point = calibration.present.definition.tool_words
     drawn = [
         ("Error of every row before and after; the held-out block is shaded", _residuals(calibration)),
-        ("How well the calibrated model knows the pouring lip (95 % half width)", _ladle(calibration)),
+        (f"How well the calibrated model knows {point} (95 % half width)", _ladle(calibration)),
     ]
     if calibration.changed:
         drawn.insert(1, ("Parameters with 95 % intervals against their tolerances", _parameters(calibration)))

@@ -222,7 +222,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     if not weights.any():
         raise NoSolutionError(
             f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
-            "solution, and the ladle does not move in the others; make the errors smaller"
+            "solution, and nothing moves in the others; make the errors smaller"
         )
     pooled = sums.sum(axis=1) / max(weights.sum(), np.finfo(float).tiny)
     by_axis = sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]
