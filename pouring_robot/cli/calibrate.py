@@ -47,7 +47,6 @@ def calibrate(
     from pouring_robot.robot.tolerances import Tolerances
 
     present = bundles.Which(model, robot).read()
-    options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),

@@ -169,8 +169,8 @@ class Prospect:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
-        changes = old.changes(self._after.parameters, self._after.values)
-        self._rows, self._linear = rows, rows.linearise(changes.and_unchanged(len(possible)), self._after.frames)
+        changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))
+        self._rows, self._linear = rows, rows.linearise(changes, self._after.frames)
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
