@@ -37,6 +37,8 @@ def sweep(
 ) -> SweepReport:
     """Run a tolerance study and say what it found; nothing but the store is written until the report is saved.
 
+    A warning says what of the model's file is left out: heat, and effects that depend on conditions.
+
     Args:
         config: the sweep file, what stands in one, or a plan made of it.
         out: folder for the results, made if need be.
@@ -60,6 +62,8 @@ def sweep(
     plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
     if not isinstance(plan, SweepPlan):
         raise BadInputError(f"a sweep is a SweepPlan, a SweepConfig or the path of a file, not a {type(plan).__name__}")
+    if plan.config.model is not None:
+        plan.model.warn_of_left_out("sweep", str(plan.config.model))
     store = run_sweep(
         plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
     )

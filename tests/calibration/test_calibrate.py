@@ -9,8 +9,8 @@ from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.report import headline
 from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
+from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import LEAST_NOISE
