@@ -237,7 +237,7 @@ class RobotModel(StrictModel):
     def warn_of_left_out(self, who: str, name: str = "the model") -> None:
         """Warn whoever called the library of what ``who``, a part of it, leaves out; see :meth:`left_out`."""
         lines, frame, level = self.left_out(who, name), sys._getframe(), 1
-        while lines and frame.f_back and frame.f_globals["__name__"].startswith("pouring_robot."):
+        while lines and frame.f_back and frame.f_globals.get("__name__", "").startswith("pouring_robot."):
             frame, level = frame.f_back, level + 1
         for line in lines:
             warnings.warn(line, stacklevel=level)
