@@ -7,7 +7,6 @@ import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -19,7 +18,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
-from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.mechanism.arrays import FloatArray, locked, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
@@ -94,7 +93,7 @@ class Campaign(Result):
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
-        object.__setattr__(self, "conditions", MappingProxyType(kept))
+        object.__setattr__(self, "conditions", locked(kept))
 
     @functools.cached_property
     def _quantities(self) -> dict[str, Quantity]:

@@ -1,6 +1,7 @@
 """The whole way from a campaign to a calibrated robot."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -31,6 +32,11 @@ def test_the_gap_closes_to_the_noise(found):
     assert found.calibrated.joint_placements
     assert found.std.shape == (len(found.unknown_names),) == (len(found.unknown_units),)
     np.testing.assert_allclose(np.diagonal(found.correlation), 1.0)
+
+
+def test_a_calibration_goes_to_another_process(found):
+    again = pickle.loads(pickle.dumps(found))
+    assert again.headline == found.headline and again.calibrated == found.calibrated
 
 
 def test_a_sound_robot_stays_as_it_is(unchanged):
