@@ -94,14 +94,15 @@ class Calibration(Result, CalibrationFindings):
         ]
         return pandas.DataFrame(rows, columns=names)
 
-    def save(self, folder: Path | str) -> list[Path]:
+    def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns the files; raises OutputError if the folder cannot be written to.
+        Returns the files; raises OutputError if the folder cannot be written to, or one of them is there already and
+        ``overwrite`` is not set.
         """
         from pouring_robot.calibration.report import write_calibration
 
-        return write_calibration(self, folder)
+        return write_calibration(self, folder, overwrite=overwrite)
 
 
 @one_blas_thread()

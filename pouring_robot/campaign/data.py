@@ -16,7 +16,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_path, read_metadata
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
-from pouring_robot.io.files import check_outputs, write_together
+from pouring_robot.io.files import write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, locked, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -171,10 +171,7 @@ class Campaign(Result):
             OutputError: a file is there already and ``overwrite`` is not set, it cannot be written, or the suffix is
                 none that is.
         """
-        files = self.contents(Path(path))
-        check_outputs(list(files), overwrite=overwrite)
-        write_together(files)
-        table, metadata = files
+        table, metadata = write_together(self.contents(Path(path)), overwrite=overwrite)
         return table, metadata
 
     def contents(self, path: Path) -> dict[Path, bytes]:

@@ -87,13 +87,13 @@ class Diagnosis(Conclusions, Result):
         return pd.DataFrame(rows, columns=columns)
 
     @one_blas_thread()
-    def save(self, folder: Path | str) -> list[Path]:
+    def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; return the files.
 
         Raises:
-            OutputError: the folder cannot be written to.
+            OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
         """
-        return write_diagnosis(self, folder)
+        return write_diagnosis(self, folder, overwrite=overwrite)
 
 
 @one_blas_thread()

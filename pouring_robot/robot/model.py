@@ -161,9 +161,12 @@ class RobotModel(StrictModel):
 
     __hash__ = None  # type: ignore[assignment]
 
-    def save(self, path: Path | str) -> Path:
-        """Write the model file, whole or not at all, without defaults; raises OutputError where that is impossible."""
-        return write_whole(path, self.file_text(Path(path).parent))
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write the model file, whole or not at all, without defaults.
+
+        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        """
+        return write_whole(path, self.file_text(Path(path).parent), overwrite=overwrite)
 
     def file_text(self, folder: Path) -> str:
         """Return what the model file says when it stands in a folder."""

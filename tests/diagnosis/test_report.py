@@ -222,6 +222,6 @@ def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OutputError, match="No space left"):
-        write_diagnosis(hot, folder)
+        write_diagnosis(hot, folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert [path.name for path in folder.parent.iterdir()] == ["out"]

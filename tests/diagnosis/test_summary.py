@@ -32,6 +32,7 @@ from pouring_robot.effects.base import EffectParameter, value_and_half_width
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.exceptions import OutputError
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -276,6 +277,8 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
     assert 0.0 < row["std"] < abs(row["value"])
     assert hot.headline in hot._repr_html_()
     assert {path.name for path in hot.save(tmp_path / "out")} >= {"diagnosis.json", "model.yaml"}
+    with pytest.raises(OutputError, match="there already"):
+        hot.save(tmp_path / "out")
 
 
 def test_the_thresholds_given_decide_what_is_told(excluded):
