@@ -281,6 +281,17 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
         hot.save(tmp_path / "out")
 
 
+def test_what_each_row_leaves_over_makes_the_gap(hot):
+    found, (effect,) = hot.to_dataset(), hot.effects
+    assert found.sizes == {"row": len(hot.campaign), "component": 6} and list(found.unit.values[2:4]) == ["m", "rad"]
+    for which in ("before", "after"):
+        table = found[f"residual_{which}"].where(found.used == "held out").sel(component=["x", "y", "z"])
+        assert float(np.sqrt((table**2).mean())) == pytest.approx(hot.held_out.position(which), rel=1e-9)
+    assert np.isnan(found.residual_after.where(found.used == "left out", drop=True)).all()
+    assert repr(effect).startswith(f"<NamedEffect: leg_thermal_expansion, {effect.cause.form}, ")
+    assert len(repr(effect.parameters[0])) < 300
+
+
 def test_the_thresholds_given_decide_what_is_told(excluded):
     """What counts as structure and what as beaten follows from the thresholds of the diagnosis, here from none."""
     deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
