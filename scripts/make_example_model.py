@@ -39,4 +39,4 @@ model = RobotModel(
     f"lengths {LENGTH_MM} mm (standard deviations, seed {SEED})",
     joint_placements=placements,
 )
-print(f"wrote {model.save(arguments.out)}")
+print(f"wrote {model.save(arguments.out, overwrite=True)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,13 +10,19 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.special
+from numpy.typing import NDArray
 
+from pouring_robot.batch import engine_for
 from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
+from pouring_robot.effects.conditions import conditions_of
+from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.registry import changes_by_stack
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
@@ -31,6 +38,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split
+from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -90,14 +98,15 @@ class Calibration(Result, CalibrationFindings):
         ]
         return pandas.DataFrame(rows, columns=names)
 
-    def save(self, folder: Path | str) -> list[Path]:
+    def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns the files; raises OutputError if the folder cannot be written to.
+        Returns the files; raises OutputError if the folder cannot be written to, or one of them is there already and
+        ``overwrite`` is not set.
         """
         from pouring_robot.calibration.report import write_calibration
 
-        return write_calibration(self, folder)
+        return write_calibration(self, folder, overwrite=overwrite)
 
 
 @one_blas_thread()
@@ -109,10 +118,13 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a robot with a campaign, or the table of one; parameters come on top of the errors of its model.
 
+    So do its effects that depend on conditions: the campaign says under which.
+
     Raises:
         CampaignError: the data are wrong as a whole (units, frames, columns); ``campaign check`` says more.
         FrameFitError: too few rows.
-        CalibrationError: too few rows, or the fit fails; nothing is to be exported.
+        CalibrationError: too few rows, the fit fails, or an effect of the model needs a condition that the campaign
+            does not say; nothing is to be exported.
         BadInputError: the parameters or tolerances are wrong.
     """
     options, model = options or CalibrationOptions(), RobotModel.of(model)
@@ -128,6 +140,8 @@ def calibrate(
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
+    changes, untold = _by_effects(campaign, left_out, everything)
+    rows = rows if changes is None else rows.with_changes(changes)
     noise = noise_beforehand(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
@@ -183,6 +197,7 @@ def calibrate(
         candidates=candidates,
         selection=selection,
         refused=refused,
+        untold=untold,
         fit=fit,
         inflation=inflation,
         unknown_names=chosen.model.names,
@@ -194,6 +209,21 @@ def calibrate(
         ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, located=located, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
+
+
+def _by_effects(
+    campaign: Campaign, left_out: NDArray[np.intp], measurement: MeasurementModel
+) -> tuple[RowChanges | None, tuple[str, ...]]:
+    """Return what the effects that the model has change in the rows, None without any, and which are none in some."""
+    model = measurement.model
+    if not model.conditional:
+        return None, ()
+    used, engine = np.setdiff1d(np.flatnonzero(campaign.usable), left_out), engine_for(model.definition.mechanism())
+    rows = campaign.subset(used)
+    nominal = nominal_rows(model.definition, engine, engine.close(rows.drives, measurement.drawing.starts(rows.drives)))
+    found, untold = changes_by_stack(model, rows, functools.partial(conditions_of, rows, nominal), CalibrationError)
+    changes = RowChanges.of(found, measurement.engine.structure, len(rows))
+    return changes.among(used, len(campaign)), untold
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

@@ -40,6 +40,7 @@ class CalibrationFindings:
     candidates: tuple[ParameterGroup, ...]  # the groups that were to choose from
     selection: Selection  # the groups kept and what was tried
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
+    untold: tuple[str, ...]  # effects of the model that nobody learned as some rows stood, taken as none there; a line
     fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
     inflation: float  # factor on all standard deviations where the residuals are larger than the noise; 1 where not
     unknown_names: tuple[str, ...]  # name of each unknown, frames first; ``unknown_units`` its unit

@@ -216,11 +216,11 @@ def html_report(calibration: CalibrationFindings) -> str:
     return html_page(title, title, blocks, links=links, data=[calibration.campaign.path])
 
 
-def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
+def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``, and return the files.
 
-    Files of an earlier calibration in the folder, which is made if need be, are replaced. Raises OutputError if it
-    cannot be written to.
+    The folder is made if need be. Raises OutputError if it cannot be written to, or a file is there already and
+    ``overwrite`` is not set.
     """
     folder, model = check_folder(folder), described(calibration)
     try:
@@ -230,7 +230,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> l
     files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"
     files[folder / REPORT] = html_report(calibration)
     files[folder / MODEL] = model.file_text(folder)  # others may wait for it
-    return [path for path in write_together(files) if path.parent == folder]
+    return [path for path in write_together(files, overwrite=overwrite) if path.parent == folder]
 
 
 def described(calibration: CalibrationFindings) -> RobotModel:

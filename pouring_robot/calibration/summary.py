@@ -91,8 +91,8 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
 def notes_of(calibration: CalibrationFindings) -> list[str]:
     """Return what is as it should be, but must be known to read the figures; one line each."""
     if not calibration.changed:
-        return []
-    found, names = [], calibration.base.names
+        return [*calibration.untold]
+    found, names = [*calibration.untold], calibration.base.names
     never = len(names) - calibration.rank_anywhere
     if never:
         seen = {"full poses": "full pose"}.get(calibration.campaign.seen, "position")

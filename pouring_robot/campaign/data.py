@@ -7,7 +7,6 @@ import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -17,11 +16,11 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_in, metadata_path, read_metadata
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
-from pouring_robot.io.files import check_outputs, write_together
+from pouring_robot.io.files import write_together
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault, read_quantities
 from pouring_robot.io.tables import Table, table_of
-from pouring_robot.mechanism.arrays import FloatArray, finite, numbers, read_only
+from pouring_robot.mechanism.arrays import FloatArray, finite, locked, numbers, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
@@ -100,7 +99,7 @@ class Campaign(Result):
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
-        object.__setattr__(self, "conditions", MappingProxyType(kept))
+        object.__setattr__(self, "conditions", locked(kept))
         for quantity in self._quantities.values():
             values = None if quantity.kind == "label" else self.command(quantity.name)
             if values is not None and (fault := first_fault(values, quantity.kind)):
@@ -208,10 +207,7 @@ class Campaign(Result):
             OutputError: a file is there already and ``overwrite`` is not set, it cannot be written, or the suffix is
                 none that is.
         """
-        files = self.contents(Path(path))
-        check_outputs(list(files), overwrite=overwrite)
-        write_together(files)
-        table, metadata = files
+        table, metadata = write_together(self.contents(Path(path)), overwrite=overwrite)
         return table, metadata
 
     def contents(self, path: Path) -> dict[Path, bytes]:

@@ -47,7 +47,6 @@ def calibrate(
     from pouring_robot.robot.tolerances import Tolerances
 
     present = bundles.Which(model, robot).read()
-    options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),
@@ -59,7 +58,7 @@ def calibrate(
     with progress.stage_bars() as show:
         found = run(data, present, chosen, show)
         show("writing", 0, 0)
-        written = found.save(out)
+        written = found.save(out, overwrite=True)  # looked for before the work
     if as_json:
         return options.print_figures(calibration_metrics(found), written)
     _print(found)

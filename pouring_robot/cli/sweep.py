@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,10 +37,9 @@ def sweep(
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     study = SweepConfig.load(config)
     plan = SweepPlan(study if robot is None else study.with_robot(robot))
-    if plan.config.model is not None:
-        options.say_left_out(plan.model, plan.config.model)
     done, total = 0, 0
-    with progress.stage_bars() as show:
+    with progress.stage_bars() as show, warnings.catch_warnings():
+        warnings.showwarning = lambda line, *_: options.note(str(line))
 
         def count(stage: str, chunks: int, of: int) -> None:
             nonlocal done, total

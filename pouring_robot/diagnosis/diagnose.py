@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn
+from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import processes_of
@@ -25,7 +25,7 @@ from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import NoiseLevel, are
+from pouring_robot.estimation.instruments import NoiseLevel, are, component_name
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
@@ -46,6 +46,7 @@ from pouring_robot.robot.tolerances import Tolerances
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 FEWEST_ROWS = 8
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
@@ -90,14 +91,39 @@ class Diagnosis(Conclusions, Result):
         ]
         return pd.DataFrame(rows, columns=columns)
 
+    def to_dataset(self) -> xr.Dataset:
+        """Return what each row of the campaign leaves over, measured minus predicted, in the tracker's axes.
+
+        ``residual_before`` is with the given model, ``residual_after`` with the amended one, the frames fitted to each:
+        (row, component), in m and rad, NaN where nothing was measured or a row is left out. ``used`` says which rows
+        were fitted, held out or left out, ``line`` where they stand in the file.
+        """
+        import xarray as xr
+
+        used, tables = np.full(len(self.campaign), "left out"), dict[str, Any]()
+        used[self.inliers] = np.where(self.fitted, "fitted", "held out")
+        for name, state in {"before": self.before, "after": self.before if self.refused else self.after}.items():
+            found = table_of(state.every_row, state.every_row.residual, len(self.rows))
+            whole = np.full((len(self.campaign), found.shape[1]), np.nan)
+            whole[self.inliers] = found
+            tables[f"residual_{name}"] = ("row", "component"), whole
+        components = np.arange(whole.shape[1])
+        coordinates = {
+            "component": [component_name(k) for k in components.tolist()],
+            "unit": ("component", np.where(are("rotation", components), "rad", "m")),
+            "line": ("row", self.campaign.lines),
+            "used": ("row", used),
+        }
+        return xr.Dataset(tables, coordinates)
+
     @one_blas_thread()
-    def save(self, folder: Path | str) -> list[Path]:
+    def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; return the files.
 
         Raises:
-            OutputError: the folder cannot be written to.
+            OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
         """
-        return write_diagnosis(self, folder)
+        return write_diagnosis(self, folder, overwrite=overwrite)
 
 
 @one_blas_thread()

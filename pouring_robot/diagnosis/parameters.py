@@ -27,13 +27,17 @@ FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
 """Parameters by effect and form."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NamedEffect:
     """A named effect with its parameters."""
 
     cause: Cause  # what may be said of it
     story: str  # one line for people
     parameters: tuple[FoundParameter, ...]  # main ones first
+
+    def __repr__(self) -> str:
+        """Return its id, its form and how sure it is: its parameters hold a number for each row."""
+        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {self.cause.probability:.0%} sure>"
 
     def by_name(self, forms: FormsByKey) -> list[tuple[str, FoundParameter]]:
         """Return the parameters by name; where it takes two forms with a parameter each, the form is added.

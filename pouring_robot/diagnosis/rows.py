@@ -21,7 +21,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import local_changes, stack_of
+from pouring_robot.effects.registry import changes_by_stack, local_changes, stack_of
+from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
 from pouring_robot.estimation.instruments import NoiseLevel
@@ -39,7 +40,6 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 
-SCALE = "metrology.scale"
 _FRAME_STEPS = 3
 
 
@@ -52,25 +52,6 @@ def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
 def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
     """Return the names of all that effects may change: local parameters, the base, the device's scale."""
     return frozenset((*(p.name for p in inside), *(f"base.{component}" for component in COMPONENTS), SCALE))
-
-
-@dataclass(frozen=True, eq=False)
-class RowChanges:
-    """What is changed in each of n rows, in m and rad."""
-
-    drives: FloatArray  # added to the commanded drives, (n, D)
-    placements: FloatArray  # displacement of every site, (n, sites * 6)
-    base: FloatArray  # displacement of the base in its own axes, (n, 6)
-    scale: FloatArray  # relative error of the measuring device's scale, (n,)
-
-    def __add__(self, other: RowChanges) -> RowChanges:
-        """Return both changes together; to first order in the rotations at one joint."""
-        return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
-
-    def and_unchanged(self, count: int) -> RowChanges:
-        """Return the same with so many unchanged rows behind."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return RowChanges(*(np.concatenate([v, np.zeros((count, *v.shape[1:]))]) for v in values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,15 +128,6 @@ class CampaignRows:
         self.campaign, self.model, self.noise = campaign, model, noise
         self.measurement = MeasurementModel(model, local_parameters(model))
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
-        structure = self.measurement.engine.structure
-        self._sites = {
-            f"{joint}.{component}": 6 * site + k
-            for site, joint in enumerate(structure.site_joints)
-            for k, component in enumerate(COMPONENTS)
-            if joint
-        }
-        self._drive_places = {joint: k for k, joint in enumerate(structure.mechanism.loops.drives)}
-        self._shape = (len(self._drive_places), 6 * structure.site_count)
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
@@ -193,17 +165,8 @@ class CampaignRows:
 
     def _by_stack(self, model: RobotModel) -> tuple[RowChanges, tuple[str, ...]]:
         """Return what the effects that the model already has change in these rows, and which are none in some."""
-        if not model.conditional:
-            return self.unchanged(), ()
-        try:
-            found, untold = stack_of(model, told(self.campaign), self._counted)
-        except MissingConditionsError as problem:
-            raise DiagnosisError(
-                f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
-                "say it",
-                "add it to the campaign, or take the effect out of the model file",
-            ) from problem
-        return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found])), untold
+        found = changes_by_stack(model, self.campaign, self._counted, DiagnosisError)
+        return RowChanges.of(found[0], self.measurement.engine.structure, len(self)), found[1]
 
     def not_told_by_commands(self, model: RobotModel) -> tuple[str, ...]:
         """Return the effects of a model of which commands alone do not tell what they do in these rows, by id.
@@ -236,26 +199,15 @@ class CampaignRows:
 
     def unchanged(self) -> RowChanges:
         """Return no change at all."""
-        n, (drives, placements) = len(self), self._shape
-        return RowChanges(np.zeros((n, drives)), np.zeros((n, placements)), np.zeros((n, 6)), np.zeros(n))
+        return RowChanges.of({}, self.measurement.engine.structure, len(self))
 
     def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
         """Return the change that effects' parameters make together under this campaign's conditions.
 
         Values are one a parameter, in its unit.
         """
-        total = self.unchanged()
-        for name, change in local_changes(parameters, values.tolist()).items():
-            kind, _, rest = name.partition(".")
-            if name == SCALE:
-                total.scale[:] += change
-            elif kind == "base":
-                total.base[:, COMPONENTS.index(rest)] += change
-            elif kind == "drive":
-                total.drives[:, self._drive_places[rest]] += change
-            else:
-                total.placements[:, self._sites[name]] += change
-        return total
+        local = local_changes(parameters, values.tolist())
+        return RowChanges.of(local, self.measurement.engine.structure, len(self))
 
     def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
         """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""

@@ -20,7 +20,7 @@ See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class EffectParameter:
     # standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios between
     # the parameters of a form matter much: their common scale is found from the data.
     prior_std: float
-    changes: LocalChanges  # change of local parameters for one ``unit``
+    changes: LocalChanges = field(repr=False)  # change of local parameters for one ``unit``
     main: bool = True  # whether it makes the effect; if not, it shapes what the main parameters make
     bounds: tuple[float, float] = (-float("inf"), float("inf"))  # what is physically possible, in ``unit``
 

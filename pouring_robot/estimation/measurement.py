@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError, CalibrationError
@@ -262,9 +263,10 @@ class ModelledRows:
     """Rows of a campaign or plan, ready to be predicted."""
 
     model: MeasurementModel  # the measurement model
-    drives: FloatArray  # commanded drives, shape (n, drives), in m and rad
+    drives: FloatArray  # commanded drives, with what is changed in each row, shape (n, drives), in m and rad
     start: BatchStart  # where to start closing
     session: NDArray[np.intp]  # number of each row's session among those with frames of their own, (n,); -1: none
+    changes: RowChanges | None = None  # what the effects of the robot's model change in each row; None: nothing
 
     def __len__(self) -> int:
         return len(self.drives)
@@ -272,7 +274,12 @@ class ModelledRows:
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> ModelledRows:
         """Return some rows, by index or mask."""
         index: NDArray[np.int64] = np.arange(len(self))[rows]
-        return ModelledRows(self.model, self.drives[index], self.start[index], self.session[index])
+        changes = self.changes[index] if self.changes else None
+        return ModelledRows(self.model, self.drives[index], self.start[index], self.session[index], changes)
+
+    def with_changes(self, changes: RowChanges) -> ModelledRows:
+        """Return the same rows with what is changed in each, to first order in the turns at one joint."""
+        return replace(self, drives=self.drives + changes.drives, changes=changes)
 
     def with_model(self, model: MeasurementModel) -> ModelledRows:
         """Return the same rows for another measurement model of the same robot."""
@@ -280,7 +287,8 @@ class ModelledRows:
 
     def present(self) -> BatchClosure:
         """Close the loops of the present robot, without errors by parameters."""
-        return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start)
+        placed = self.changes.placements if self.changes else None
+        return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start, placed)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
         """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
@@ -289,13 +297,21 @@ class ModelledRows:
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")
         errors = model.placement_errors(unknowns.parameters)
         drives = self.drives + model.drive_errors(unknowns.parameters)
-        closure = model.engine.close(drives, self.start, errors.ravel())
-        return Prediction.of(closure, unknowns.frames, self._base(unknowns))
+        closure = model.engine.close(drives, self.start, self._placed(errors))
+        scale = self.changes.scale if self.changes else None
+        return Prediction.of(closure, unknowns.frames, self._base(unknowns), scale)
+
+    def _placed(self, errors: FloatArray) -> FloatArray:
+        """Return the displacement of every site, (sites * 6,), or of every row (n, sites * 6), by that of all rows."""
+        return errors.ravel() + self.changes.placements if self.changes else errors.ravel()
 
     def _base(self, unknowns: Unknowns) -> FloatArray | None:
-        """Return the displacement of the base that each row sees, (n, 6); None where no session has its own frame."""
+        """Return the displacement of the base that each row sees, (n, 6); None where all see it at one place."""
         count = len(self.model.sessions)
-        return base_displacements(unknowns.values[-count:], self.session) if count else None
+        if not count:
+            return self.changes.base if self.changes else None
+        own = base_displacements(unknowns.values[-count:], self.session)
+        return own + self.changes.base if self.changes else own
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
         """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`."""
@@ -306,7 +322,7 @@ class ModelledRows:
         errors = self.model.placement_errors(unknowns.parameters)
         parameters = self.model.moved_parameters(errors)
         base = self._base(unknowns)
-        found = self.model.differentiated(prediction, unknowns.frames, parameters, errors.ravel(), base)
+        found = self.model.differentiated(prediction, unknowns.frames, parameters, self._placed(errors), base)
         if base is not None and found.jacobian is not None:
             jacobian = self._by_session(found.jacobian, unknowns, prediction, base)
             gap = found.disagreement

@@ -4,7 +4,7 @@ import errno
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from pouring_robot.exceptions import OutputError
 from pouring_robot.io.interrupt import stop_if_heard
 
 
-def write_whole(path: Path | str, content: bytes | str) -> Path:
+def write_whole(path: Path | str, content: bytes | str, *, overwrite: bool = True) -> Path:
     """Write a file, text as UTF-8, so that nobody ever sees half of it, and return its path.
 
     The content goes to a hidden file beside the target (a symbolic link is followed), which then takes the target's
@@ -21,10 +21,18 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
     A pipe or a device (``/dev/stdout``) has no "whole" and is written straight.
 
     Raises:
-        OutputError: the folder does not exist, may not be written to, or the target is a folder.
+        OutputError: the folder does not exist, may not be written to, or the target is a folder, or it is there already
+            and ``overwrite`` is not set.
     """
     stop_if_heard()
+    _refuse_present([Path(path)], overwrite=overwrite)
     return _put(Path(path), content)
+
+
+def _refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
+    for path in paths:
+        if path.is_file() and not overwrite:
+            raise OutputError(path, "it is there already; choose another name, or say --overwrite (overwrite=True)")
 
 
 def _put(given: Path, content: bytes | str) -> Path:
@@ -38,7 +46,7 @@ def _put(given: Path, content: bytes | str) -> Path:
     return given
 
 
-def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
+def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True) -> list[Path]:
     """Write several files, all or none, and return them in order; folders that are missing are made.
 
     Files of a folder that is missing appear with it, in one step, so that even a killed process leaves all or none.
@@ -49,6 +57,7 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
     """
+    _refuse_present(files, overwrite=overwrite)
     new = _missing_folder(list(files))
     if new is not None:
         _write_new(new, files)
@@ -204,8 +213,7 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
     """
     for path in paths:
         check_writable(path)
-        if path.is_file() and not overwrite:
-            raise OutputError(path, "it is there already; choose another name, or say --overwrite")
+        _refuse_present([path], overwrite=overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
         raise OutputError(paths[-1], "two outputs have the same file name; give each its own")
 

@@ -1,5 +1,8 @@
 """Arrays that must not change under their reader's hands, grids, even choices of rows, their RMS, normal deviates."""
 
+import copyreg
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -65,6 +68,15 @@ def read_only(array: NDArray[Number]) -> NDArray[Number]:
     """Return the array itself, locked against writing."""
     array.flags.writeable = False
     return array
+
+
+def locked(content: Mapping[Any, Any]) -> MappingProxyType[Any, Any]:
+    """Return a mapping of the same content that cannot be written to."""
+    return MappingProxyType(dict(content))
+
+
+# Python itself neither pickles nor copies what results, which go from process to process, hold.
+copyreg.pickle(MappingProxyType, lambda proxy: (locked, (dict(proxy),)))
 
 
 def lock_fields(result: Any, *names: str) -> None:

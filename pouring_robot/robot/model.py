@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import io
 import os
+import sys
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -159,9 +161,12 @@ class RobotModel(StrictModel):
 
     __hash__ = None  # type: ignore[assignment]
 
-    def save(self, path: Path | str) -> Path:
-        """Write the model file, whole or not at all, without defaults; raises OutputError where that is impossible."""
-        return write_whole(path, self.file_text(Path(path).parent))
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write the model file, whole or not at all, without defaults.
+
+        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        """
+        return write_whole(path, self.file_text(Path(path).parent), overwrite=overwrite)
 
     def file_text(self, folder: Path) -> str:
         """Return what the model file says when it stands in a folder."""
@@ -231,6 +236,14 @@ class RobotModel(StrictModel):
             effects = ", ".join(self.conditional)
             lines.append(f"{who} does not apply the effects of {name} that depend on conditions: {effects}")
         return tuple(lines)
+
+    def warn_of_left_out(self, who: str, name: str = "the model") -> None:
+        """Warn whoever called the library of what ``who``, a part of it, leaves out; see :meth:`left_out`."""
+        lines, frame, level = self.left_out(who, name), sys._getframe(), 1
+        while lines and frame.f_back and frame.f_globals.get("__name__", "").startswith("pouring_robot."):
+            frame, level = frame.f_back, level + 1
+        for line in lines:
+            warnings.warn(line, stacklevel=level)
 
     def displacements(self) -> dict[str, pin.SE3]:
         """Return how joints are displaced, as poses: of the actual placement in the nominal one."""

@@ -29,7 +29,7 @@ from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import Command, Robot, as_it_stands
+from pouring_robot.robot.robot import Command, Robot
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,6 +48,10 @@ class PouringRobot(Robot):
         if not isinstance(self.drawing, FourUPUKinematics):
             raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
         self.kinematics = self.drawing
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what pickle sends: the layout, of pydantic's generics, which it does not take, is read again."""
+        return {name: value for name, value in vars(self).items() if name != "layout"}
 
     @functools.cached_property
     def layout(self) -> Layout:
@@ -212,8 +216,12 @@ def _commanded(poses: FloatArray) -> dict[str, Any]:
 
 
 def robot_of(model: RobotModel) -> Robot:
-    """Return the robot of a model, whichever it is."""
-    return Robot(model) if model.robot else PouringRobot(model)
+    """Return the robot of a model, whichever it is, without a warning: what it leaves out is said by whom it serves."""
+    model.definition  # noqa: B018 - the copy shares it
+    bare = model.model_copy(update={"heat": None, "effects": []})
+    robot = Robot(bare) if model.robot else PouringRobot(bare)
+    robot.model = model
+    return robot
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
@@ -222,4 +230,4 @@ def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
     The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
     so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
     """
-    return PouringRobot(as_it_stands(model, "load_robot"))
+    return PouringRobot.load(model)

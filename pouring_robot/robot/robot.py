@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import functools
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -61,17 +60,11 @@ def _preferred(refusal: NoSolutionError) -> tuple[int, float]:
     return 0 if isinstance(refusal, UnreachablePoseError) else 2, 0.0
 
 
-def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
-    """Return a model, and warn the caller of ``who``, a function of the library, of what its robot leaves out of it."""
-    loaded = RobotModel.of(model)
-    for line in loaded.left_out(who):
-        warnings.warn(line, stacklevel=3)
-    return loaded
-
-
 class Robot:
     """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
 
+    It stands cold and without effects that depend on conditions: where the model tells of them, a warning says so;
+    ``robots_under`` applies them.
     ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
     drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it; the constructor
@@ -85,6 +78,7 @@ class Robot:
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         self.model = RobotModel.of(model)
+        self.model.warn_of_left_out(type(self).__name__)
         self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
@@ -95,12 +89,8 @@ class Robot:
 
     @classmethod
     def load(cls, model: RobotModel | Path | str | None = None) -> Self:
-        """Load a robot from a model, a model file or a robot file; raises DescriptionError where a file is wrong.
-
-        The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning
-        says so. ``robots_under`` applies them.
-        """
-        return cls(as_it_stands(model, f"{cls.__name__}.load"))
+        """Load a robot from a model, a model file or a robot file; raises DescriptionError where a file is wrong."""
+        return cls(RobotModel.of(model))
 
     def built_as(self, model: RobotModel) -> Self:
         """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""

@@ -16,7 +16,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
-from pouring_robot.sweeps.store import SweepStore, remove_sweep, require_room
+from pouring_robot.sweeps.store import RESUME, SweepStore, remove_sweep, require_room
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
@@ -37,19 +37,22 @@ def sweep(
 ) -> SweepReport:
     """Run a tolerance study and say what it found; nothing but the store is written until the report is saved.
 
+    A warning says what of the model's file is left out: heat, and effects that depend on conditions.
+
     Args:
         config: the sweep file, what stands in one, or a plan made of it.
         out: folder for the results, made if need be.
         resume: go on with a sweep that was begun there.
         overwrite: begin anew in place of a sweep that is there.
-        workers: processes on this machine; 0 computes in this one, with all its threads.
+        workers: processes on this machine, none below 0; 0 computes in this one, with all its threads.
         scheduler: address of a Dask cluster to compute on instead; results are written here.
         progress: told of every chunk.
 
     Raises:
         SweepFileError: the file is wrong.
         BadInputError: it is none of these, a name in it does not fit the robot, the results are larger than the disk
-            or what is kept of them than the memory, or ``resume`` and ``overwrite`` are both asked for.
+            or what is kept of them than the memory, ``workers`` is no number of them, or ``resume``
+            and ``overwrite`` are both asked for.
         UnreachablePoseError: a pose is out of reach.
         SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
         SweepWorkerError: the cluster cannot be reached, or its workers fail.
@@ -60,6 +63,8 @@ def sweep(
     plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
     if not isinstance(plan, SweepPlan):
         raise BadInputError(f"a sweep is a SweepPlan, a SweepConfig or the path of a file, not a {type(plan).__name__}")
+    if plan.config.model is not None:
+        plan.model.warn_of_left_out("sweep", str(plan.config.model))
     store = run_sweep(
         plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
     )
@@ -79,7 +84,9 @@ def run_sweep(
 ) -> SweepStore:
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     if overwrite and resume:
-        raise BadInputError("give --resume or --overwrite, not both: one goes on, the other begins anew")
+        raise BadInputError("resume or overwrite, not both: one goes on, the other begins anew")
+    if not isinstance(workers, int) or workers < 0:
+        raise BadInputError(f"workers is a number of processes, 0 for this one alone, not {workers!r}")
     require_room(folder, plan)
     if overwrite:
         remove_sweep(folder)
@@ -149,11 +156,11 @@ def _result(future: Any) -> ChunkResult:
     try:
         result: ChunkResult = future.result()
     except (concurrent.futures.CancelledError, CommClosedError) as problem:
-        raise SweepWorkerError("the Dask scheduler is lost; start it again, then go on with --resume") from problem
+        raise SweepWorkerError(f"the Dask scheduler is lost; start it again, then go on with {RESUME}") from problem
     except Exception as problem:
         reason = f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"
         raise SweepWorkerError(
-            f"a worker of the cluster failed ({reason}); see its log, then go on with --resume"
+            f"a worker of the cluster failed ({reason}); see its log, then go on with {RESUME}"
         ) from problem
     if result.version != pouring_robot.__version__:
         raise SweepWorkerError(

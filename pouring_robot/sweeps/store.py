@@ -45,6 +45,7 @@ from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
 STORE = "results.zarr"
 SUMMARY, RANKING, PICTURE, PAGE = REPORTS = ("summary.json", "ranking.csv", "sweep.png", "report.html")
+RESUME, _OVERWRITE = "--resume (resume=True)", "--overwrite (overwrite=True)"
 FORMAT = "pouring_robot/sweep-results/1"
 AXES = ("x", "y", "z")
 # Bytes that stay in memory: of each robot its eight sums (of a Sobol study its points, and its outputs twice, besides);
@@ -64,13 +65,13 @@ class SweepStore:
         self._made: list[Path] = []
         if self.path.exists() or self.path.is_symlink():
             if not resume:
-                raise SweepStoreError(self.folder, "holds results already; go on with --resume, or say --overwrite")
+                raise SweepStoreError(self.folder, f"holds results already; go on with {RESUME}, or say {_OVERWRITE}")
             self._group = open_group(self.path)
             self._refuse_other()
         else:
             for left in (name for name in REPORTS if (self.folder / name).exists()):
                 raise SweepStoreError(
-                    self.folder, f"holds {left} of another sweep; take another folder or say --overwrite"
+                    self.folder, f"holds {left} of another sweep; take another folder or say {_OVERWRITE}"
                 )
             with writing(self.folder):
                 self._made = self._make()
@@ -101,7 +102,7 @@ class SweepStore:
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
         """Write a chunk, its status last."""
         rows, columns = slice(*chunk.samples), slice(*chunk.poses)
-        with writing(self.folder, "the finished chunks are kept; mend it and go on with --resume"):
+        with writing(self.folder, f"the finished chunks are kept; mend it and go on with {RESUME}"):
             if "errors" in self._arrays and chunk.index[1] == 0:
                 self._arrays["errors"][rows] = result.errors
             for name in ("displacement", "rotation", "gap_m", "gap_rad", "status"):
@@ -115,7 +116,7 @@ class SweepStore:
             place = ".".join(str(k) for k in chunk.index)
             raise SweepStoreError(
                 self.path,
-                f"chunk {place} of '{name}' is damaged; remove its file under status/c and go on with --resume",
+                f"chunk {place} of '{name}' is damaged; remove its file under status/c and go on with {RESUME}",
             ) from problem
 
     @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
     python scripts/studies/calibration.py --runs 400 --parameters geometry --json study.json
 
-Each run draws a robot from the tolerances, measures it with :func:`~pouring_robot.campaign.simulate_campaign` (the
+Each run draws a robot from the tolerances, measures it with :func:`~pouring_robot.simulate_campaign` (the
 one-at-a-time closure, not the batch engine), identifies it from the training blocks, and compares: how often do the
 95 % intervals hold the true values, and how far are held-out rows from their prediction against the noise.
 """
@@ -20,8 +20,8 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
+from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.instruments import NoiseLevel

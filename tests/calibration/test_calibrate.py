@@ -1,6 +1,7 @@
 """The whole way from a campaign to a calibrated robot."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -9,13 +10,14 @@ from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.report import headline
 from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
+from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import LEAST_NOISE
 from pouring_robot.estimation.splits import split
-from pouring_robot.exceptions import CampaignError
-from pouring_robot.robot.model import JointPlacement
+from pouring_robot.exceptions import CalibrationError, CampaignError
+from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
@@ -32,10 +34,32 @@ def test_the_gap_closes_to_the_noise(found):
     np.testing.assert_allclose(np.diagonal(found.correlation), 1.0)
 
 
+def test_a_calibration_goes_to_another_process(found):
+    again = pickle.loads(pickle.dumps(found))
+    assert again.headline == found.headline and again.calibrated == found.calibrated
+
+
 def test_a_sound_robot_stays_as_it_is(unchanged):
     assert not unchanged.changed
     assert unchanged.calibrated == unchanged.present
     np.testing.assert_allclose(unchanged.before, unchanged.after, atol=2e-6)
+
+
+def test_effects_of_the_model_are_applied_and_not_fitted_again():
+    """A drive's zero is off beside what is known to yield: it is found, and what yields is no error of the geometry."""
+    taught = RobotModel.load("examples/learned.yaml")
+    robot = PouringRobot(taught.displaced({}, {"leg1_s3": 1e-3}))
+    plan = random_plan(robot, 60, 1)
+    standing = robots_under(robot, plan.poses, plan.given(taught.definition))
+    campaign = simulate_campaign(robot, plan, robots=standing).campaign
+    found = calibrate(campaign, taught, CalibrationOptions(parameters=("drives",)))
+    assert found.calibrated.effects == taught.effects
+    off = found.unknown_names.index("drive.leg1_s3")
+    assert abs(found.fit.unknowns.values[off] - 1e-3) < 3.0 * found.std[off]
+    assert found.inflation == 1.0
+    assert found.misfit(found.split.test, after=True).rms_mm < 1.3 * SIGMA_M * 1e3
+    with pytest.raises(CalibrationError, match="'tilt_drive_compliance' needs payload_kg, and the campaign does not"):
+        calibrate(dataclasses.replace(campaign, conditions={}), taught)
 
 
 def test_the_test_block_is_not_looked_at(real):

@@ -1,5 +1,9 @@
 """A calibration as a user holds it: verdict, one line at the prompt, its parameters as a table, its files."""
 
+import pytest
+
+from pouring_robot.exceptions import OutputError
+
 
 def test_verdict_line_and_table(found, unchanged):
     assert found.verdict == "accepted"
@@ -16,3 +20,6 @@ def test_verdict_line_and_table(found, unchanged):
 def test_saved_files(found, tmp_path):
     names = {path.name for path in found.save(tmp_path / "out")}
     assert {"calibrated.yaml", "calibration.json", "report.html", "loops.yaml"} <= names
+    with pytest.raises(OutputError, match="there already"):
+        found.save(tmp_path / "out")
+    assert {path.name for path in found.save(tmp_path / "out", overwrite=True)} == names

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from PIL import Image
 
+from pouring_robot import sweep
 from pouring_robot.report.plots import new_figure
 from pouring_robot.robot.export.closed import configured
 from pouring_robot.robot.heat_section import HeatSection
@@ -391,7 +392,9 @@ def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
         encoding="utf-8",
     )
     code, _, err = run("sweep", "sweep.yaml", "--out", "swept")
-    assert code == 0 and "heat section of hot.yaml is left out" in err
+    assert code == 0 and err == "note: sweep takes the robot cold; the heat section of hot.yaml is left out\n"
+    with pytest.warns(UserWarning, match="heat section of hot.yaml is left out"):
+        sweep("sweep.yaml", "again")
 
 
 def test_the_picture_of_a_warm_robot_says_so(run, monkeypatch):

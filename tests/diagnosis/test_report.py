@@ -1,6 +1,7 @@
 """The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
 
 import os
+import pickle
 import re
 import shutil
 from dataclasses import replace
@@ -52,6 +53,11 @@ def refused(hot):
     """The same, as if what was found brought the fitted rows no closer."""
     gap = hot.train
     return replace(hot, train=replace(gap, after=2.0 * gap.before))
+
+
+def test_a_diagnosis_goes_to_another_process(hot):
+    again = pickle.loads(pickle.dumps(hot))
+    assert again.headline == hot.headline and again.amended == hot.amended
 
 
 def test_the_page_is_whole_and_needs_no_other_file(hot, page):
@@ -216,6 +222,6 @@ def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OutputError, match="No space left"):
-        write_diagnosis(hot, folder)
+        write_diagnosis(hot, folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert [path.name for path in folder.parent.iterdir()] == ["out"]

@@ -32,6 +32,7 @@ from pouring_robot.effects.base import EffectParameter, value_and_half_width
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.exceptions import OutputError
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -276,6 +277,19 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
     assert 0.0 < row["std"] < abs(row["value"])
     assert hot.headline in hot._repr_html_()
     assert {path.name for path in hot.save(tmp_path / "out")} >= {"diagnosis.json", "model.yaml"}
+    with pytest.raises(OutputError, match="there already"):
+        hot.save(tmp_path / "out")
+
+
+def test_what_each_row_leaves_over_makes_the_gap(hot):
+    found, (effect,) = hot.to_dataset(), hot.effects
+    assert found.sizes == {"row": len(hot.campaign), "component": 6} and list(found.unit.values[2:4]) == ["m", "rad"]
+    for which in ("before", "after"):
+        table = found[f"residual_{which}"].where(found.used == "held out").sel(component=["x", "y", "z"])
+        assert float(np.sqrt((table**2).mean())) == pytest.approx(hot.held_out.position(which), rel=1e-9)
+    assert np.isnan(found.residual_after.where(found.used == "left out", drop=True)).all()
+    assert repr(effect).startswith(f"<NamedEffect: leg_thermal_expansion, {effect.cause.form}, ")
+    assert len(repr(effect.parameters[0])) < 300
 
 
 def test_the_thresholds_given_decide_what_is_told(excluded):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.rows import SCALE, Signatures, local_parameters
+from pouring_robot.diagnosis.rows import Signatures, local_parameters
 from pouring_robot.effects import Effect, EffectParameter, Form
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import condition_names
+from pouring_robot.estimation.changes import SCALE
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.model import RobotModel

@@ -6,7 +6,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot import HeatedRobot, PlatformPose, RobotUnderConditions, compensate, compensate_under, robots_under
+from pouring_robot import (
+    HeatedRobot,
+    PlatformPose,
+    RobotUnderConditions,
+    compensate,
+    compensate_under,
+    random_plan,
+    robots_under,
+    simulate_campaign,
+)
 from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
@@ -15,10 +24,12 @@ from pouring_robot.exceptions import BadInputError, MissingConditionsError, Mode
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
+from pouring_robot.thermal.expansion.heated_robot import drawing_of
 from tests.effects.bench import EFFECTS, NOISE, SIGMA_M
 from tests.examples.machines import MACHINES
 from tests.support import ROOT, random_poses
 
+LEARNED = ROOT / "examples/learned.yaml"
 MOVING = [effect for effect in EFFECTS.values() if effect.moves_robot]
 
 
@@ -305,3 +316,21 @@ def test_no_commands_are_no_robots_and_numbers_are_drives(bench):
     assert robots_under(model, [], {}) == []
     with pytest.raises(NoSolutionError, match=r"command 1: .* numbers are drive values, in m and rad"):
         robots_under(model, np.array([[-0.1, 0.02, -0.6, 0.3]]), {"time_s": 0.0})
+
+
+@pytest.mark.filterwarnings("error")
+def test_who_applies_effects_is_not_told_that_they_are_left_out():
+    model = RobotModel.load(LEARNED)
+    robot, pose = robot_of(model), PlatformPose.from_mm_deg(-100, 20, -600, 17)
+    for standing in (robot, drawing_of(robot), *robots_under(model, [pose], {"payload_kg": 400.0})):
+        assert standing.locate(pose).in_workspace
+
+
+def test_a_virtual_measurement_is_of_what_the_model_learned_under_the_plan():
+    robot = robot_of(RobotModel.load(LEARNED))
+    plan = random_plan(robot, 4, 1)
+    standing = robots_under(robot, plan.poses, plan.given(robot.model.definition))
+    expected = simulate_campaign(robot, plan, robots=standing).campaign
+    np.testing.assert_array_equal(simulate_campaign(robot, plan).campaign.position_m, expected.position_m)
+    with pytest.raises(MissingConditionsError, match="needs payload_kg"):
+        simulate_campaign(robot, dataclasses.replace(plan, conditions={}))

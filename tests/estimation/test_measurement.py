@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
@@ -41,9 +42,15 @@ def test_predictions_are_those_of_the_one_at_a_time_solver(drawing, present):
     np.testing.assert_allclose(seen.rotation, expected[:, :3, :3], atol=1e-9)
 
 
-def test_jacobian_is_the_derivative(drawing, present):
+@pytest.mark.parametrize("changed", [False, True], ids=["alike", "row by row"])
+def test_jacobian_is_the_derivative(drawing, present, changed):
     model = model_of(drawing, "all", model=present)
     virtual = Virtual(drawing, model, 6, seed=5)
+    if changed:
+        random, structure = np.random.default_rng(7), model.engine.structure
+        moved = {name: random.normal(size=6) * 1e-7 for name in ("drive.leg1_s3", "leg1_s1.ty", "leg1_s1.rx", SCALE)}
+        moved |= {f"base.{component}": random.normal(size=6) * 1e-2 for component in ("tx", "rz")}
+        virtual.rows = virtual.rows.with_changes(RowChanges.of(moved, structure, 6))
     values = virtual.unknowns.values.copy()
     values[:FRAMES] = np.random.default_rng(6).normal(size=FRAMES) * 0.05
     seen = virtual.rows.linearise(virtual.unknowns.at(values))

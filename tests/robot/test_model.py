@@ -41,6 +41,9 @@ def written(tmp_path):
 def test_load_save_load_changes_nothing(tmp_path):
     first = RobotModel.load(ACTUAL)
     once = first.save(tmp_path / "once.yaml")
+    with pytest.raises(OutputError, match="there already"):
+        first.save(once)
+    assert first.save(once, overwrite=True) == once
     second = RobotModel.load(once)
     twice = second.save(tmp_path / "twice.yaml")
     assert second == first

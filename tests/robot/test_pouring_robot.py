@@ -176,10 +176,15 @@ def test_wide_layout_has_its_own_box_and_works():
         assert np.isfinite(robot.dexterity(location).condition)
 
 
-def test_what_a_loaded_robot_leaves_out_of_its_model_is_said():
-    model = RobotModel.model_validate({"heat": {"melt_degC": 1650.0}})
-    with pytest.warns(UserWarning, match="heat section of the model is left out"):
-        load_robot(model)
+@pytest.mark.parametrize("made", [load_robot, PouringRobot, PouringRobot.load])
+def test_what_a_robot_leaves_out_of_its_model_is_said_to_who_makes_it(made):
+    model = RobotModel.model_validate({"heat": {"melt_degC": 1650.0}, "effects": [{"effect": "a", "form": "b"}]})
+    with pytest.warns(UserWarning) as said:
+        made(model)
+    heat, effects = (str(one.message) for one in said)
+    assert "heat section of the model is left out" in heat
+    assert "PouringRobot does not apply the effects of the model that depend on conditions: a" in effects
+    assert {one.filename for one in said} == {__file__}
 
 
 def test_poses_of_another_kind_are_refused_in_one_line(drawing):

@@ -13,7 +13,7 @@ import pytest
 from distributed.comm.core import CommClosedError
 
 from pouring_robot.cli.app import main
-from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
+from pouring_robot.exceptions import BadInputError, SweepStoreError, SweepWorkerError
 from pouring_robot.sweeps import SweepPlan, SweepStore, run_sweep
 from pouring_robot.sweeps.runner import _result
 from tests.support import ROOT
@@ -185,3 +185,10 @@ def test_a_stop_does_not_take_older_results_away(undisturbed, tmp_path, plan):
     with pytest.raises(SweepStoreError):
         run_sweep(plan, undisturbed[1])
     assert finished_chunks(undisturbed[1]) == CHUNKS
+
+
+@pytest.mark.parametrize("workers", [-1, 1.5, "2"])
+def test_workers_are_a_number_of_processes(plan, tmp_path, workers):
+    with pytest.raises(BadInputError, match=f"workers is a number of processes, .* not {workers!r}"):
+        run_sweep(plan, tmp_path / "out", workers=workers)
+    assert not (tmp_path / "out").exists()

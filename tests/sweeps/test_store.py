@@ -91,8 +91,9 @@ def test_chunks_by_pose_give_the_same_numbers(make_plan, tmp_path, finished):
 
 
 def test_results_are_only_overwritten_if_asked_for(copy, tmp_path, capsys):
-    refused(*copy, "holds results already; go on with --resume", capsys)
-    refused(*copy, "give --resume or --overwrite, not both", capsys, "--resume", "--overwrite")
+    both = "holds results already; go on with --resume (resume=True), or say --overwrite (overwrite=True)"
+    refused(*copy, both, capsys)
+    refused(*copy, "resume or overwrite, not both", capsys, "--resume", "--overwrite")
     other = write(tmp_path, seed=12)
     assert main(["sweep", str(other), "--out", str(copy[1]), "--overwrite"]) == 0
     assert open_results(copy[1]).attrs["seed"] == 12

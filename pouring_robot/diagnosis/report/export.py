@@ -23,14 +23,14 @@ from pouring_robot.robot.model import RobotModel
 METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"
 
 
-def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
+def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position: there is nothing to draw; ``next.csv`` where nothing
-    is to be measured next. The folder is made if it is not there; files of an earlier diagnosis in it are replaced.
+    is to be measured next. The folder is made if it is not there.
 
     Raises:
-        OutputError: the folder cannot be written to.
+        OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
     """
     folder = check_folder(folder)
     files: dict[Path, bytes | str] = {}
@@ -52,7 +52,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     links = {words: name for name, words in with_it.items() if folder / name in files or name == METRICS}
     files[folder / REPORT] = html_report(diagnosis, pictures, links)
     files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
-    return write_together(files)
+    return write_together(files, overwrite=overwrite)
 
 
 def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:

@@ -12,10 +12,10 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
 from pouring_robot.diagnosis.parameters import NamedEffect
-from pouring_robot.diagnosis.rows import SCALE
 from pouring_robot.effects.base import Effect, EffectParameter, channel
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import Axis, axis_over, of_drives
+from pouring_robot.estimation.changes import SCALE
 from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis

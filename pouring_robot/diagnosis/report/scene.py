@@ -16,7 +16,8 @@ import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import noise_beforehand

@@ -34,7 +34,7 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 
 SESSION = "next"
 _HOUR_S = 3600.0
@@ -92,8 +92,8 @@ Reach = tuple[Iterable[tuple[FloatArray, FloatArray]], FloatArray, float, dict[s
 
 def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reach:
     """Return what can be measured: of the pouring robot its workspace, of any other what the campaign went through."""
-    if model.robot is None:
-        robot = PouringRobot(model)
+    robot = robot_of(model)
+    if isinstance(robot, PouringRobot):
         plan = random_plan(robot, count, seed)
         poses = [pose.to_se3() for pose in plan.platform_poses]
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
@@ -169,8 +169,8 @@ class Prospect:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
-        changes = old.changes(self._after.parameters, self._after.values)
-        self._rows, self._linear = rows, rows.linearise(changes.and_unchanged(len(possible)), self._after.frames)
+        changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))
+        self._rows, self._linear = rows, rows.linearise(changes, self._after.frames)
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)

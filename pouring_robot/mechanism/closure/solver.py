@@ -202,6 +202,10 @@ class ClosureSolver:
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        """Pickle as what it was made of: Pinocchio's constraints cannot be pickled."""
+        return type(self), (self.mechanism, self.energy.loads, self.options)
+
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
         """Close the loops for drives, in m or rad, from a configuration (nq,) that says all else, locked joints too.
 

@@ -14,6 +14,7 @@ from pouring_robot.campaign.columns import POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
+from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -104,10 +105,11 @@ def simulate_campaign(
 ) -> VirtualMeasurement:
     """Measure a robot as built, which closes its loops at the commanded drives, without having it.
 
-    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
-    on the conditions of the plan.
+    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose: by default, what
+    its model learned is applied under the conditions of the plan.
 
     Raises:
+        MissingConditionsError: an effect of the model needs a condition that the plan does not say.
         BadInputError: there is no plan, another number of robots or more outliers than rows are asked for, or the robot
             has redundant drives: what they read follows from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
@@ -129,7 +131,8 @@ def simulate_campaign(
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
     actual = []
-    for row, (standing, command) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
+    robots = robots or RobotUnderConditions(robot, plan.given(robot.model.definition)).robots(plan.drives)
+    for row, (standing, command) in enumerate(zip(robots, plan.poses, strict=True)):
         try:
             actual.append(standing.actual_of(command).pose_base_to_end)
         except NoSolutionError as error:

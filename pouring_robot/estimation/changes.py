@@ -1,0 +1,58 @@
+"""What conditions change in the rows of a campaign, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.batch.structure import Structure
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
+
+SCALE = "metrology.scale"
+
+
+@dataclass(frozen=True, eq=False)
+class RowChanges:
+    """What is changed in each of n rows, in m and rad."""
+
+    drives: FloatArray  # added to the commanded drives, (n, D)
+    placements: FloatArray  # displacement of every site, (n, sites * 6)
+    base: FloatArray  # displacement of the base in its own axes, (n, 6)
+    scale: FloatArray  # relative error of the measuring device's scale, (n,)
+
+    @classmethod
+    def of(cls, local: Mapping[str, FloatArray], structure: Structure, rows: int) -> RowChanges:
+        """Take the changes of local parameters by name, (n,) each, in m and rad; none: nothing is changed."""
+        drives = structure.mechanism.loops.drives
+        shapes = ((rows, len(drives)), (rows, 6 * structure.site_count), (rows, 6), (rows,))
+        total = cls(*(np.zeros(shape) for shape in shapes))
+        for name, change in local.items():
+            kind, _, rest = name.partition(".")
+            if name == SCALE:
+                total.scale[:] += change
+            elif kind == "base":
+                total.base[:, COMPONENTS.index(rest)] += change
+            elif kind == "drive":
+                total.drives[:, drives.index(rest)] += change
+            else:
+                total.placements[:, 6 * structure.site(kind) + COMPONENTS.index(rest)] += change
+        return total
+
+    def __add__(self, other: RowChanges) -> RowChanges:
+        """Return both changes together; to first order in the rotations at one joint."""
+        return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> RowChanges:
+        """Return those of some rows, by index or mask."""
+        return RowChanges(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def among(self, rows: NDArray[np.intp], count: int) -> RowChanges:
+        """Return them as those of some among ``count`` rows, by index; the others are unchanged."""
+        whole = {field.name: np.zeros((count, *getattr(self, field.name).shape[1:])) for field in fields(self)}
+        for name, values in whole.items():
+            values[rows] = getattr(self, name)
+        return RowChanges(**whole)
