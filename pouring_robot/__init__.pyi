@@ -5,14 +5,14 @@ from .calibration.calibrate import CalibrationOptions as CalibrationOptions
 from .calibration.calibrate import calibrate as calibrate
 from .campaign.data import Campaign as Campaign
 from .campaign.plan import random_plan as random_plan
+from .campaign.simulate import MeasurementOptions as MeasurementOptions
+from .campaign.simulate import simulate_campaign as simulate_campaign
 from .compensation.pose import compensate as compensate
 from .design.planning import plan_campaign as plan_campaign
 from .design.request import PlanRequest as PlanRequest
 from .diagnosis.diagnose import Diagnosis as Diagnosis
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose
-from .effects.simulate import MeasurementOptions as MeasurementOptions
-from .effects.simulate import simulate_campaign as simulate_campaign
 from .effects.under import RobotUnderConditions as RobotUnderConditions
 from .effects.under import compensate_under as compensate_under
 from .effects.under import robots_under as robots_under

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.plan import PosePlan, random_plan
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure

@@ -18,6 +18,7 @@ DATA = ROOT / "tests" / "data"
 # Measured data and blind campaigns that are not part of the repository; CI has them beside the clone.
 SHARED = ROOT.parent / "shared"
 ACTUAL = ROOT / "examples" / "actual.yaml"
+LEARNED = ROOT / "examples" / "learned.yaml"
 CHAINS = (1, 2, 3, 4)
 
 # The workspace box, written down a second time on purpose.

@@ -227,7 +227,7 @@ def simulate(
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
-    from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+    from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
     from pouring_robot.io.files import write_together
 
     if (plan is None) == (random is None):

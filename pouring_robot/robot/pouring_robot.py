@@ -7,6 +7,7 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -217,11 +218,9 @@ def _commanded(poses: FloatArray) -> dict[str, Any]:
 
 def robot_of(model: RobotModel) -> Robot:
     """Return the robot of a model, whichever it is, without a warning: what it leaves out is said by whom it serves."""
-    model.definition  # noqa: B018 - the copy shares it
-    bare = model.model_copy(update={"heat": None, "effects": []})
-    robot = Robot(bare) if model.robot else PouringRobot(bare)
-    robot.model = model
-    return robot
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return Robot(model) if model.robot else PouringRobot(model)
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:

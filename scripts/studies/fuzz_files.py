@@ -33,7 +33,7 @@ from typing import Any
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan, read_plan
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -23,8 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.export.paths import examples_path

@@ -10,8 +10,8 @@ from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.report import headline
 from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import LEAST_NOISE
@@ -19,8 +19,9 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
+from tests.support import LEARNED
 
 
 def test_the_gap_closes_to_the_noise(found):
@@ -47,8 +48,8 @@ def test_a_sound_robot_stays_as_it_is(unchanged):
 
 def test_effects_of_the_model_are_applied_and_not_fitted_again():
     """A drive's zero is off beside what is known to yield: it is found, and what yields is no error of the geometry."""
-    taught = RobotModel.load("examples/learned.yaml")
-    robot = PouringRobot(taught.displaced({}, {"leg1_s3": 1e-3}))
+    taught = RobotModel.load(LEARNED)
+    robot = robot_of(taught.displaced({}, {"leg1_s3": 1e-3}))
     plan = random_plan(robot, 60, 1)
     standing = robots_under(robot, plan.poses, plan.given(taught.definition))
     campaign = simulate_campaign(robot, plan, robots=standing).campaign

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 
 SIGMA_M, SIGMA_RAD = 5e-5, 5e-5
 

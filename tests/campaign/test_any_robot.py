@@ -8,7 +8,7 @@ from pouring_robot.campaign.columns import campaign_columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.campaign.plan import random_plan, read_plan
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.robot.description.robot_file import TAKEN

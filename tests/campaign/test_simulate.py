@@ -9,9 +9,9 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan, read_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import outlier_rows
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
 from tests.campaign.simulated import measure
 

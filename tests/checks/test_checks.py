@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.exceptions import CampaignError
 from scripts.studies.wrong_data import sound
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure

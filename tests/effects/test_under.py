@@ -27,9 +27,8 @@ from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.thermal.expansion.heated_robot import drawing_of
 from tests.effects.bench import EFFECTS, NOISE, SIGMA_M
 from tests.examples.machines import MACHINES
-from tests.support import ROOT, random_poses
+from tests.support import LEARNED, ROOT, random_poses
 
-LEARNED = ROOT / "examples/learned.yaml"
 MOVING = [effect for effect in EFFECTS.values() if effect.moves_robot]
 
 
@@ -326,11 +325,8 @@ def test_who_applies_effects_is_not_told_that_they_are_left_out():
         assert standing.locate(pose).in_workspace
 
 
-def test_a_virtual_measurement_is_of_what_the_model_learned_under_the_plan():
+def test_a_virtual_measurement_is_not_without_what_the_model_learned():
     robot = robot_of(RobotModel.load(LEARNED))
     plan = random_plan(robot, 4, 1)
-    standing = robots_under(robot, plan.poses, plan.given(robot.model.definition))
-    expected = simulate_campaign(robot, plan, robots=standing).campaign
-    np.testing.assert_array_equal(simulate_campaign(robot, plan).campaign.position_m, expected.position_m)
-    with pytest.raises(MissingConditionsError, match="needs payload_kg"):
-        simulate_campaign(robot, dataclasses.replace(plan, conditions={}))
+    with pytest.raises(BadInputError, match="depends on the plan's conditions: give robots=robots_under"):
+        simulate_campaign(robot, plan)

@@ -9,10 +9,10 @@ import pytest
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.effects.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.map_fit import seen_from_one_place

@@ -14,7 +14,6 @@ from pouring_robot.campaign.columns import POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
-from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -105,18 +104,21 @@ def simulate_campaign(
 ) -> VirtualMeasurement:
     """Measure a robot as built, which closes its loops at the commanded drives, without having it.
 
-    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose: by default, what
-    its model learned is applied under the conditions of the plan.
+    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
+    on the conditions of the plan.
 
     Raises:
-        MissingConditionsError: an effect of the model needs a condition that the plan does not say.
-        BadInputError: there is no plan, another number of robots or more outliers than rows are asked for, or the robot
-            has redundant drives: what they read follows from where the body is, not the other way round.
+        BadInputError: there is no plan, the model has effects that depend on conditions and there are no ``robots``, or
+            another number of them, more outliers than rows are asked for, or the robot has redundant drives: what they
+            read follows from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
     expect(plan, PosePlan, "what is measured is a PosePlan, such as of random_plan or read_plan")
     rows = len(plan)
+    if robots is None and robot.model.conditional:
+        told = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"
+        raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={told}")
     if robots is not None and len(robots) != rows:
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
     if robot.model.loops().redundant_drives:
@@ -131,8 +133,7 @@ def simulate_campaign(
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
     actual = []
-    robots = robots or RobotUnderConditions(robot, plan.given(robot.model.definition)).robots(plan.drives)
-    for row, (standing, command) in enumerate(zip(robots, plan.poses, strict=True)):
+    for row, (standing, command) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
         try:
             actual.append(standing.actual_of(command).pose_base_to_end)
         except NoSolutionError as error:
