@@ -83,12 +83,12 @@ class Diagnosis(Conclusions, Result):
         """Return a row for each parameter of each effect, with its value and standard deviation in its unit."""
         import pandas as pd
 
-        columns = ["effect", "firm", "probability", "parameter", "value", "std", "unit"]
-        rows = [
-            (e.cause.effect, e in self.firm, e.cause.probability, name, p.value, p.std, p.parameter.unit)
-            for e in self.effects
-            for name, p in self.parameters_of(e)
-        ]
+        columns = ["effect", "form", "alternatives", "firm", "probability", "parameter", "value", "std", "unit"]
+        rows = []
+        for e in self.effects:
+            cause = e.cause
+            said = cause.effect, cause.form, ", ".join(cause.alternatives), e in self.firm, cause.probability
+            rows += [(*said, name, p.value, p.std, p.parameter.unit) for name, p in self.parameters_of(e)]
         return pd.DataFrame(rows, columns=columns)
 
     def to_dataset(self) -> xr.Dataset:

@@ -273,7 +273,7 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
     frame = hot.to_frame()
     assert list(frame["effect"].unique()) == ["leg_thermal_expansion"]
     row = frame.set_index("parameter").loc["expansion"]
-    assert (row["unit"], bool(row["firm"])) == ("1e-6/K", True)
+    assert (row["unit"], bool(row["firm"]), row["alternatives"]) == ("1e-6/K", True, "")
     assert 0.0 < row["std"] < abs(row["value"])
     assert hot.headline in hot._repr_html_()
     assert {path.name for path in hot.save(tmp_path / "out")} >= {"diagnosis.json", "model.yaml"}
