@@ -20,7 +20,7 @@ from pouring_robot.calibration.findings import (
 from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
-from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
@@ -223,6 +223,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, o
     ``overwrite`` is not set.
     """
     folder, model = check_folder(folder), described(calibration)
+    refuse_present([folder / name for name in (FIGURES, REPORT)], overwrite=overwrite)  # before the work
     try:
         files = urdf_files(ClosedRobot.of(model).urdf, folder, model.definition.files_beside())
     except DescriptionError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,16 +29,16 @@ def sweep(
 ) -> None:
     """Find out which tolerances matter, how far the tool is off, and the loosest tolerances that will do."""
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
-    from pouring_robot.sweeps import SweepConfig, SweepPlan
-    from pouring_robot.sweeps import sweep as run
+    from pouring_robot.sweeps import SweepConfig, SweepPlan, report, run_sweep
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     study = SweepConfig.load(config)
     plan = SweepPlan(study if robot is None else study.with_robot(robot))
+    if plan.config.model is not None:
+        options.say_left_out(plan.model, plan.config.model)
     done, total = 0, 0
-    with progress.stage_bars() as show, warnings.catch_warnings():
-        warnings.showwarning = lambda line, *_: options.note(str(line))
+    with progress.stage_bars() as show:
 
         def count(stage: str, chunks: int, of: int) -> None:
             nonlocal done, total
@@ -48,9 +47,10 @@ def sweep(
             show(stage, chunks, of)
 
         try:
-            outcome = run(
+            store = run_sweep(
                 plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=count
             )
+            outcome = report(store, count)
         except KeyboardInterrupt as stop:
             kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
             raise StoppedError(f"stopped; {kept}") from stop

@@ -101,7 +101,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 
 
 class RobotUnderConditions:
-    """A robot as built and the conditions it works under; those effects of its model that depend on them come on top.
+    """A robot as built, or the one of a model, under conditions: what its model's effects do by them comes on top.
 
     Raises:
         BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.
@@ -109,12 +109,13 @@ class RobotUnderConditions:
 
     notes: tuple[str, ...] = ()  # what one should know of the commands and conditions asked for last, in a line each
 
-    def __init__(self, robot: Robot, given: Given) -> None:
-        self.robot, self.definition = robot, robot.model.definition
+    def __init__(self, robot: Robot | RobotModel | Path | str, given: Given) -> None:
+        self.robot = robot if isinstance(robot, Robot) else robot_of(RobotModel.of(robot))
+        model, self.definition = self.robot.model, self.robot.model.definition
         self.given = understood(self.definition, given)
-        lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]
+        lost = [entry.effect for entry in model.effects if not entry.placed and not entry.learned]
         if lost:
-            raise robot.model.fault(
+            raise model.fault(
                 f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so nobody knows what "
                 "it does elsewhere; diagnose that campaign again"
             )
@@ -241,8 +242,8 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
     conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given of sides
     of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
-    robot = model if isinstance(model, Robot) else robot_of(RobotModel.of(model))
-    under, drives = RobotUnderConditions(robot, given), [robot.drives_of(command) for command in commands]
+    under = RobotUnderConditions(model, given)
+    drives = [under.robot.drives_of(command) for command in commands]
     return under.robots(np.array(drives)) if drives else []
 
 

@@ -25,11 +25,12 @@ def write_whole(path: Path | str, content: bytes | str, *, overwrite: bool = Tru
             and ``overwrite`` is not set.
     """
     stop_if_heard()
-    _refuse_present([Path(path)], overwrite=overwrite)
+    refuse_present([Path(path)], overwrite=overwrite)
     return _put(Path(path), content)
 
 
-def _refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
+def refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
+    """Refuse to replace files, as OutputError, unless ``overwrite`` is set."""
     for path in paths:
         if path.is_file() and not overwrite:
             raise OutputError(path, "it is there already; choose another name, or say --overwrite (overwrite=True)")
@@ -57,7 +58,7 @@ def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True)
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
     """
-    _refuse_present(files, overwrite=overwrite)
+    refuse_present(files, overwrite=overwrite)
     new = _missing_folder(list(files))
     if new is not None:
         _write_new(new, files)
@@ -213,7 +214,7 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
     """
     for path in paths:
         check_writable(path)
-        _refuse_present([path], overwrite=overwrite)
+        refuse_present([path], overwrite=overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
         raise OutputError(paths[-1], "two outputs have the same file name; give each its own")
 

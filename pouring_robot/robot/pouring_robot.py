@@ -7,7 +7,6 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -19,8 +18,8 @@ from numpy.typing import ArrayLike
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
-from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.drive_jacobians import AxisWeakness, axis_weakness
 from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
@@ -39,13 +38,8 @@ if TYPE_CHECKING:
 class PouringRobot(Robot):
     """The pouring robot (default: its drawing), a :class:`Robot` commanded by poses; BadInputError for another one."""
 
-    def __init__(
-        self,
-        model: RobotModel | Path | str | None = None,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
-    ) -> None:
-        super().__init__(model, loads, options)
+    def _make(self, model: RobotModel, loads: Loads, options: ClosureOptions) -> None:
+        super()._make(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):
             raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
         self.kinematics = self.drawing
@@ -217,10 +211,8 @@ def _commanded(poses: FloatArray) -> dict[str, Any]:
 
 
 def robot_of(model: RobotModel) -> Robot:
-    """Return the robot of a model, whichever it is, without a warning: what it leaves out is said by whom it serves."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return Robot(model) if model.robot else PouringRobot(model)
+    """Return the robot of a model, whichever it is; see :meth:`Robot.without_warning`."""
+    return (Robot if model.robot else PouringRobot).without_warning(model)
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:

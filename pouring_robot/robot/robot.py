@@ -77,8 +77,18 @@ class Robot:
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        self.model = RobotModel.of(model)
+        self._make(RobotModel.of(model), loads, options)
         self.model.warn_of_left_out(type(self).__name__)
+
+    @classmethod
+    def without_warning(cls, model: RobotModel) -> Self:
+        """Make the robot of a model for who cares for what it leaves out, or says so."""
+        robot = cls.__new__(cls)
+        robot._make(model, NO_LOADS, DEFAULT_OPTIONS)
+        return robot
+
+    def _make(self, model: RobotModel, loads: Loads, options: ClosureOptions) -> None:
+        self.model = model
         self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
@@ -90,7 +100,7 @@ class Robot:
     @classmethod
     def load(cls, model: RobotModel | Path | str | None = None) -> Self:
         """Load a robot from a model, a model file or a robot file; raises DescriptionError where a file is wrong."""
-        return cls(RobotModel.of(model))
+        return cls(model)
 
     def built_as(self, model: RobotModel) -> Self:
         """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""

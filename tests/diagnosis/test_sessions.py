@@ -38,7 +38,7 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(campaign):
     assert (found.verdict, [e.cause.effect for e in found.effects]) == ("named", ["session_offset"])
     assert {p.parameter.unit for p in found.effects[0].parameters} == {"mm"}
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
-    said = "what session_offset is in the session d, which is held out, no other session tells"
+    said = "what session_offset is in session d, which is held out, no other session tells"
     assert any(line.startswith(said) for line in note_lines(found))
 
 

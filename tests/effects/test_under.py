@@ -321,7 +321,7 @@ def test_no_commands_are_no_robots_and_numbers_are_drives(bench):
 def test_who_applies_effects_is_not_told_that_they_are_left_out():
     model = RobotModel.load(LEARNED)
     robot, pose = robot_of(model), PlatformPose.from_mm_deg(-100, 20, -600, 17)
-    for standing in (robot, drawing_of(robot), *robots_under(model, [pose], {"payload_kg": 400.0})):
+    for standing in (robot, drawing_of(robot), *robots_under(LEARNED, [pose], {"payload_kg": 400.0})):
         assert standing.locate(pose).in_workspace
 
 

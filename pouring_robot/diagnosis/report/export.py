@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentenc
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside
-from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
@@ -33,6 +33,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
         OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
     """
     folder = check_folder(folder)
+    refuse_present([folder / name for name in (METRICS, REPORT)], overwrite=overwrite)  # before the work
     files: dict[Path, bytes | str] = {}
     with beside(lambda: _plots(diagnosis)) as drawn:
         files[folder / MODEL] = described(diagnosis).file_text(folder)

@@ -42,9 +42,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
     effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
     by_session = [effect for effect in named if effects[effect].driver == "session"]
-    if by_session and diagnosis.held_out_name.startswith("session "):
+    if by_session and not np.isin(given.session[~diagnosis.fitted], given.session[diagnosis.fitted]).all():
         lines.append(
-            f"what {', '.join(by_session)} is in the {diagnosis.held_out_name}, which is held out, no other session "
+            f"what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out, no other session "
             "tells; with --hold-out region the held-out rows say how much of the gap it makes"
         )
     if diagnosis.worse:

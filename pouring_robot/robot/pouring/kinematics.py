@@ -88,7 +88,10 @@ class FourUPUKinematics:
         return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
-        """Return the closed poses of drive values (n, 4), in m and rad; NaN where no pose has them."""
+        """Return the closed poses of drive values (n, 4), in m and rad; NaN where no pose has them.
+
+        Raises NoSolutionError as :meth:`forward` of a layout that has no closed form.
+        """
         first, second = np.moveaxis(self._assemblies(drives)[0], 1, 0)
         upright = np.abs(first[:, 3:]) <= np.abs(second[:, 3:])
         return self.commands(np.where(upright, first, second)).start
@@ -158,7 +161,8 @@ class FourUPUKinematics:
         self.check_drives(drives)
         values = np.array([float(drives[name]) for name in DRIVE_JOINTS])
         if not np.isfinite(values).all():
-            raise BadInputError(f"the drive values must be finite numbers, not {values[:3]} m and {values[3]} rad")
+            *legs, theta = values.tolist()
+            raise BadInputError(f"the drive values must be finite numbers, not {legs} m and {theta} rad")
         (poses,), (sides,), (across,) = self._assemblies(values[None])
         if np.isnan(sides).any():
             short = int(np.argmax(np.isnan(sides)))
@@ -173,7 +177,7 @@ class FourUPUKinematics:
             key=lambda pose: _branch_distance(pose, near),
         )
 
-    @np.errstate(invalid="ignore")  # what no pose has is NaN
+    @np.errstate(invalid="ignore", over="ignore")  # what no pose has is NaN
     def _assemblies(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the two poses that have drive values (n, 4), in m and rad: (n, 2, 4), and by which legs.
 
