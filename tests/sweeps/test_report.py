@@ -15,7 +15,7 @@ from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_result
 from pouring_robot.sweeps.analysis.report import html_report, map_of, report
 from pouring_robot.sweeps.analysis.summary import Distances
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
-from tests.support import ROOT
+from tests.support import LEARNED, ROOT
 from tests.sweeps.sweep_files import write
 
 ALLOCATION = {"by": "part", "share": 0.95, "machines": 50}
@@ -109,6 +109,15 @@ def test_the_transfer_matrix_is_that_of_the_frame(make_plan, kind):
     found = transfer_matrices(plan, plan.poses)[:, :3]
     expected = np.moveaxis((near - far)[:, :, 0] / (2 * step), 0, -1)
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_effects_that_depend_on_conditions_are_said_to_be_left_out(tmp_path, capsys):
+    file = write(tmp_path, layout=None, model=str(LEARNED), samples=2)
+    assert main(["sweep", str(file), "--out", str(tmp_path / "a")]) == 0
+    said = "does not apply the effects of .*learned.yaml that depend on conditions: tilt_drive_compliance, drive_scale"
+    assert re.search(f"note: this command {said}", capsys.readouterr().err)
+    with pytest.warns(UserWarning, match=f"sweep {said}"):
+        sweep(file, tmp_path / "b")
 
 
 def test_failures_are_counted_and_reported(tmp_path, capsys):
