@@ -314,7 +314,10 @@ class ModelledRows:
         return own + self.changes.base if self.changes else own
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
-        """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`."""
+        """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`.
+
+        To first order in what is changed row by row: a turn of a joint there leaves the axes of parameters as they are.
+        """
         return self.differentiate(unknowns, self.predict(unknowns))
 
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
@@ -330,6 +333,8 @@ class ModelledRows:
                 gap = np.concatenate([gap, np.zeros((*gap.shape[:2], len(self.model.sessions)))], axis=2)
             found = replace(found, jacobian=jacobian, disagreement=gap)
         if found.jacobian is not None:
+            if self.changes:
+                found.jacobian[:, :3] *= 1.0 + self.changes.scale[:, None, None]
             found.jacobian[:, :, :FRAMES] = found.jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
         return found
 
