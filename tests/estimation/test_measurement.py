@@ -50,7 +50,7 @@ def test_jacobian_is_the_derivative(drawing, present, changed):
         random, structure = np.random.default_rng(7), model.engine.structure
         exact = ("drive.leg1_s3", "leg1_s1.ty", "base.tx", "base.rz", SCALE)
         moved = {name: random.normal(size=6) * 1e-2 for name in exact}
-        # The Jacobian leaves out what a row's own turn of a joint does to the axes of parameters there: below tolerance.
+        # What a row's own turn of a joint does to the axes of parameters there is left out: it must be below 2e-6.
         moved["leg1_s1.rx"] = random.normal(size=6) * 1e-7
         virtual.rows = virtual.rows.with_changes(RowChanges.of(moved, structure, 6))
     values = virtual.unknowns.values.copy()
