@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchClosure, BatchStart, engine_for
+from pouring_robot.batch import BatchClosure, BatchStart, Engine, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
@@ -135,7 +135,7 @@ class MeasurementModel:
         threads: int | None = None,
         sessions: Sequence[SessionParameter] = (),
     ) -> None:
-        self.model, self.sessions = model, tuple(sessions)
+        self.model, self.threads, self.sessions = model, threads, tuple(sessions)
         # A step that a search only tries may bend the robot far; there no mode needs to be followed.
         self.engine = engine_for(model.mechanism(), threads, replace(DEFAULT_OPTIONS, most_steps=1))
         self.drawing = model.definition.drawing()
@@ -289,6 +289,14 @@ class ModelledRows:
         """Close the loops of the present robot, without errors by parameters."""
         placed = self.changes.placements if self.changes else None
         return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start, placed)
+
+    def by_drawing(self) -> tuple[Engine, BatchClosure]:
+        """Close the loops of the drawing, which has no errors; return its engine, too."""
+        present, model = self.model, self.model.model
+        engine = present.engine
+        if not model.is_drawing:
+            engine = engine_for(model.definition.mechanism(), present.threads)
+        return engine, engine.close(self.drives, self.start)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
         """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
