@@ -213,7 +213,11 @@ def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows
     used = np.flatnonzero(campaign.usable & np.isfinite(rows.start.position).all(axis=1))  # that the drawing closes at
     model, known = rows.model.model, campaign.subset(used)
     nominal = nominal_rows(model.definition, *rows[used].by_drawing())
-    changes, untold = changes_by_stack(model, known, nominal, rows.model.engine.structure, CalibrationError)
+
+    def refusal(problem: str, mend: str) -> CalibrationError:
+        return CalibrationError(f"{campaign.path}: {problem}", mend)
+
+    changes, untold = changes_by_stack(model, known, nominal, rows.model.engine.structure, refusal)
     return rows.with_changes(changes.among(used, len(rows))), untold
 
 

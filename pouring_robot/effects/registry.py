@@ -176,7 +176,7 @@ def changes_by_stack(
     campaign: Campaign,
     nominal: NominalRows,
     structure: Structure,
-    refusal: type[DataError],
+    refusal: Callable[[str, str], DataError],
 ) -> tuple[RowChanges, tuple[str, ...]]:
     """Return what a model's effects change in the rows of a campaign, all usable; ``nominal`` are they by the drawing.
 
