@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,19 +9,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
-from pouring_robot.batch import engine_for
 from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
-from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import changes_by_stack
-from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
@@ -140,8 +135,7 @@ def calibrate(
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
-    changes, untold = _by_effects(campaign, left_out, everything)
-    rows = rows if changes is None else rows.with_changes(changes)
+    rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
     noise = noise_beforehand(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
@@ -211,19 +205,20 @@ def calibrate(
     )
 
 
-def _by_effects(
-    campaign: Campaign, left_out: NDArray[np.intp], measurement: MeasurementModel
-) -> tuple[RowChanges | None, tuple[str, ...]]:
-    """Return what the effects that the model has change in the rows, None without any, and which are none in some."""
-    model = measurement.model
-    if not model.conditional:
-        return None, ()
-    used, engine = np.setdiff1d(np.flatnonzero(campaign.usable), left_out), engine_for(model.definition.mechanism())
-    rows = campaign.subset(used)
-    nominal = nominal_rows(model.definition, engine, engine.close(rows.drives, measurement.drawing.starts(rows.drives)))
-    found, untold = changes_by_stack(model, rows, functools.partial(conditions_of, rows, nominal), CalibrationError)
-    changes = RowChanges.of(found, measurement.engine.structure, len(rows))
-    return changes.among(used, len(campaign)), untold
+def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:
+    """Return the rows with what the effects that the model has change in them, and which are none in some.
+
+    Rows that the fit leaves out are among them: what is left in them is shown, and the robot came by them.
+    """
+    used = np.flatnonzero(campaign.usable & np.isfinite(rows.start.position).all(axis=1))  # that the drawing closes at
+    model, known = rows.model.model, campaign.subset(used)
+    nominal = nominal_rows(model.definition, *rows[used].by_drawing())
+
+    def refusal(problem: str, mend: str) -> CalibrationError:
+        return CalibrationError(f"{campaign.path}: {problem}", mend)
+
+    changes, untold = changes_by_stack(model, known, nominal, rows.model.engine.structure, refusal)
+    return rows.with_changes(changes.among(used, len(rows))), untold
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

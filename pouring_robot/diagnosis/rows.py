@@ -9,6 +9,7 @@ effect are the product of the Jacobian by local parameters with the changes that
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
@@ -16,7 +17,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
@@ -27,7 +27,7 @@ from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import first_frames
-from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, Prediction
+from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -131,14 +131,14 @@ class CampaignRows:
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
-        self._start = modelled.start
         own = list(dict.fromkeys(p.session for p in session_parameters(campaign)))
         self._session = np.array([own.index(name) if name in own else -1 for name in campaign.sessions], dtype=np.intp)
         first = first_frames(modelled, self.measured).frames
         self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(6 * len(own)))
-        self._nominal = self._by_the_drawing()
+        self._nominal = self._by_the_drawing(modelled)
         self.conditions = conditions_of(campaign, self._nominal)
-        self._given, self.untold = self._by_stack(model)
+        structure = self.measurement.engine.structure
+        self._given, self.untold = changes_by_stack(model, campaign, self._nominal, structure, DiagnosisError)
 
     def __len__(self) -> int:
         return len(self.campaign)
@@ -149,30 +149,23 @@ class CampaignRows:
         other.noise, other.measured = noise, MeasuredPoses.from_campaign(self.campaign, noise)
         return other
 
-    def _by_the_drawing(self) -> NominalRows:
+    def _by_the_drawing(self, modelled: ModelledRows) -> NominalRows:
         """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
-        robot, engine = self.model.definition, self.measurement.engine
-        if not self.model.is_drawing:
-            engine = engine_for(robot.mechanism())
-        closure = engine.close(self.campaign.drives, self._start)
-        if not (closure.status == 0).all():
+        engine, closure = modelled.by_drawing()
+        if not closure.closed.all():
             raise DiagnosisError(
-                f"{int((closure.status != 0).sum())} of {len(self)} rows have drives that no pose of the robot has",
+                f"{np.count_nonzero(~closure.closed)} of {len(self)} rows have drives that no pose of the robot has",
                 "leave them out (`pouring-robot campaign check` lists them)",
             )
         self._start = closure.as_start()
-        return nominal_rows(robot, engine, closure)
-
-    def _by_stack(self, model: RobotModel) -> tuple[RowChanges, tuple[str, ...]]:
-        """Return what the effects that the model already has change in these rows, and which are none in some."""
-        found = changes_by_stack(model, self.campaign, self._counted, DiagnosisError)
-        return RowChanges.of(found[0], self.measurement.engine.structure, len(self)), found[1]
+        return nominal_rows(self.model.definition, engine, closure)
 
     def not_told_by_commands(self, model: RobotModel) -> tuple[str, ...]:
         """Return the effects of a model of which commands alone do not tell what they do in these rows, by id.
 
         What belongs to the measuring device does nothing to a command.
         """
+        ours = functools.partial(conditions_of, self.campaign, self._nominal)
         bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
 
         def counted(learned: LearnedCampaign | None) -> Conditions:
@@ -183,19 +176,16 @@ class CampaignRows:
         found = []
         for effect in model.conditional:
             alone = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
-            whole, _ = stack_of(alone, told(self.campaign), self._counted, seen=False)
+            whole, _ = stack_of(alone, told(self.campaign), ours, seen=False)
             try:
                 by_command, _ = stack_of(alone, told(bare), counted, seen=False)
             except MissingConditionsError:
                 found.append(effect)
                 continue
-            ours, theirs = (local_changes(*zip(*some, strict=True)) if some else {} for some in (whole, by_command))
-            if any(not np.array_equal(change, theirs[name]) for name, change in ours.items()):
+            mine, theirs = (local_changes(*zip(*some, strict=True)) if some else {} for some in (whole, by_command))
+            if any(not np.array_equal(change, theirs[name]) for name, change in mine.items()):
                 found.append(effect)
         return tuple(found)
-
-    def _counted(self, learned: LearnedCampaign | None) -> Conditions:
-        return conditions_of(self.campaign, self._nominal, learned) if learned else self.conditions
 
     def unchanged(self) -> RowChanges:
         """Return no change at all."""

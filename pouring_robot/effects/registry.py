@@ -6,15 +6,17 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
     screw_wear = "my_package.effects:ScrewWear"
 """
 
+import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from importlib.metadata import entry_points
 
 import numpy as np
 
+from pouring_robot.batch.structure import Structure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
-from pouring_robot.effects.conditions import Conditions, condition_names, told
+from pouring_robot.effects.conditions import Conditions, NominalRows, condition_names, conditions_of, told
 from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
@@ -22,6 +24,7 @@ from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
 from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import FloatArray
@@ -171,24 +174,24 @@ def stack_of(
 def changes_by_stack(
     model: RobotModel,
     campaign: Campaign,
-    conditions: Callable[[LearnedCampaign | None], Conditions],
-    refusal: type[DataError],
-) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-    """Return what a model's effects change in the n rows of a campaign, as :func:`local_changes`.
+    nominal: NominalRows,
+    structure: Structure,
+    refusal: Callable[[str, str], DataError],
+) -> tuple[RowChanges, tuple[str, ...]]:
+    """Return what a model's effects change in the rows of a campaign, all usable; ``nominal`` are they by the drawing.
 
     The rest as :func:`stack_of`, but that a condition that the campaign does not say is a ``refusal``.
     """
-    if not model.conditional:
-        return {}, ()
     try:
-        found, untold = stack_of(model, told(campaign), conditions)
+        found, untold = stack_of(model, told(campaign), functools.partial(conditions_of, campaign, nominal))
     except MissingConditionsError as problem:
         raise refusal(
             f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
             "say it",
             "add it to the campaign, or take the effect out of the model file",
         ) from problem
-    return local_changes([parameter for parameter, _ in found], [value for _, value in found]), untold
+    local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
+    return RowChanges.of(local, structure, len(campaign)), untold
 
 
 def _is_known(parameter: EffectParameter) -> bool:

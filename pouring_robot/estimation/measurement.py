@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchClosure, BatchStart, engine_for
+from pouring_robot.batch import BatchClosure, BatchStart, Engine, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
@@ -135,7 +135,7 @@ class MeasurementModel:
         threads: int | None = None,
         sessions: Sequence[SessionParameter] = (),
     ) -> None:
-        self.model, self.sessions = model, tuple(sessions)
+        self.model, self.threads, self.sessions = model, threads, tuple(sessions)
         # A step that a search only tries may bend the robot far; there no mode needs to be followed.
         self.engine = engine_for(model.mechanism(), threads, replace(DEFAULT_OPTIONS, most_steps=1))
         self.drawing = model.definition.drawing()
@@ -290,6 +290,14 @@ class ModelledRows:
         placed = self.changes.placements if self.changes else None
         return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start, placed)
 
+    def by_drawing(self) -> tuple[Engine, BatchClosure]:
+        """Close the loops of the drawing, which has no errors; return its engine, too."""
+        present, model = self.model, self.model.model
+        engine = present.engine
+        if not model.is_drawing:
+            engine = engine_for(model.definition.mechanism(), present.threads)
+        return engine, engine.close(self.drives, self.start)
+
     def predict(self, unknowns: Unknowns) -> Prediction:
         """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
         model = self.model
@@ -314,7 +322,10 @@ class ModelledRows:
         return own + self.changes.base if self.changes else own
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
-        """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`."""
+        """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`.
+
+        To first order in what is changed row by row: a turn of a joint there leaves the axes of parameters as they are.
+        """
         return self.differentiate(unknowns, self.predict(unknowns))
 
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
@@ -330,6 +341,8 @@ class ModelledRows:
                 gap = np.concatenate([gap, np.zeros((*gap.shape[:2], len(self.model.sessions)))], axis=2)
             found = replace(found, jacobian=jacobian, disagreement=gap)
         if found.jacobian is not None:
+            if self.changes:
+                found.jacobian[:, :3] *= 1.0 + self.changes.scale[:, None, None]
             found.jacobian[:, :, :FRAMES] = found.jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
         return found
 

@@ -2,11 +2,12 @@
 
 import dataclasses
 import pickle
+import re
 
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
+from pouring_robot.calibration.calibrate import CalibrationOptions, _under_effects, calibrate
 from pouring_robot.calibration.report import headline
 from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
@@ -15,13 +16,22 @@ from pouring_robot.checks.flags import FlagCode
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import LEAST_NOISE
+from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, CampaignError
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
-from tests.support import LEARNED
+from tests.effects.bench import EFFECTS, Bench
+from tests.support import ACTUAL, LEARNED
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """Seventy rows in three sessions under known conditions."""
+    return Bench()
 
 
 def test_the_gap_closes_to_the_noise(found):
@@ -53,14 +63,48 @@ def test_effects_of_the_model_are_applied_and_not_fitted_again():
     plan = random_plan(robot, 60, 1)
     standing = robots_under(robot, plan.poses, plan.given(taught.definition))
     campaign = simulate_campaign(robot, plan, robots=standing).campaign
-    found = calibrate(campaign, taught, CalibrationOptions(parameters=("drives",)))
+    wrong = damaged(campaign, position_m=lambda p: p.__setitem__(5, p[5] + 2e-2))
+    found = calibrate(wrong, taught, CalibrationOptions(parameters=("drives",)))
     assert found.calibrated.effects == taught.effects
     off = found.unknown_names.index("drive.leg1_s3")
     assert abs(found.fit.unknowns.values[off] - 1e-3) < 3.0 * found.std[off]
     assert found.inflation == 1.0
     assert found.misfit(found.split.test, after=True).rms_mm < 1.3 * SIGMA_M * 1e3
-    with pytest.raises(CalibrationError, match="'tilt_drive_compliance' needs payload_kg, and the campaign does not"):
+    # A row that is left out yields as the others do, this one by 0.6 mrad.
+    assert found.left_out.tolist() == [5]
+    np.testing.assert_allclose(found.after[5], [2e-2] * 3 + [0.0] * 3, atol=5.0 * max(SIGMA_M, SIGMA_RAD))
+    with pytest.raises(CalibrationError, match="'tilt_drive_compliance' needs payload_kg, and the camp") as problem:
         calibrate(dataclasses.replace(campaign, conditions={}), taught)
+    assert str(problem.value).startswith(f"{campaign.path}: the model's effect")
+
+
+@pytest.mark.parametrize("effect", ["base_drift", "metrology_scale", "drive_backlash", "platform_thermal_expansion"])
+def test_rows_with_effects_are_those_of_a_diagnosis(bench, effect):
+    """They count in the base, in the device's scale, in drives and in placements."""
+    form, built = EFFECTS[effect].forms(bench.rows.conditions)[0], RobotModel.load(ACTUAL)
+    values = {p.name: ParameterEntry(value=0.1 * p.prior_std, unit=p.unit) for p in form.parameters}
+    model = built.model_copy(update={"effects": [EffectEntry(effect=effect, form=form.name, parameters=values)]})
+    rows, _ = _under_effects(MeasurementModel(model, ()).at(bench.campaign.drives), bench.campaign)
+    seen = rows.predict(Unknowns.zero(bench.true_frames, 0))
+    expected, without = (
+        known.predicted(known.unchanged(), bench.true_frames)
+        for known in (bench.rows_of(bench.campaign, one) for one in (model, built))
+    )
+    np.testing.assert_allclose(seen.position_m, expected.position_m, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(seen.rotation, expected.rotation, rtol=0.0, atol=1e-12)
+    assert np.abs(seen.position_m - without.position_m).max() > 1e-6
+
+
+def test_effects_that_nobody_learned_in_some_rows_are_told(clean):
+    """The tilt encoder's errors, learned within 0.1 rad of a turn, in poses that tilt by 1.5 rad."""
+    seen = RobotModel.load(LEARNED).learned["campaign"].model_copy(update={"seen_rad": {"leg4_s5": [(0.0, 0.1)]}})
+    wave = {"theta46_sine_1": ParameterEntry(value=0.1, unit="mrad")}
+    effect = EffectEntry(effect="tilt_encoder_eccentricity", form="turns", learned="campaign", parameters=wave)
+    model = RobotModel(effects=[effect], learned={"campaign": seen})
+    (told,) = calibrate(clean.campaign, model, CalibrationOptions(parameters=("drives",), choose=False)).untold
+    assert re.fullmatch(
+        r"tilt_encoder_eccentricity of .* was not learned at the angles of \d+ of 60 rows: taken as none there", told
+    )
 
 
 def test_the_test_block_is_not_looked_at(real):
