@@ -55,6 +55,17 @@ def test_a_campaign_lacks_nothing(real, name):
         dataclasses.replace(real.campaign, **{name: None})
 
 
+def test_a_campaign_keeps_its_names_as_texts(real):
+    rows = np.arange(len(real.campaign))
+    given = dataclasses.replace(real.campaign, sessions=rows, distance_from=np.full(rows.size, ""))
+    assert given.sessions[:2] == ("0", "1") and type(given.distance_from[0]) is str
+    one = real.campaign.subset(rows[:1])
+    assert dataclasses.replace(one, sessions="abc").sessions == ("abc",)
+    for wrong in ({"samples": None}, {"sessions": [np.nan]}, {"samples": ["b", "c"]}, {"lines": [0.5]}):
+        with pytest.raises(BadInputError, match=r"is a text, not a|needs as many|are whole numbers"):
+            dataclasses.replace(one, **wrong)
+
+
 @pytest.mark.parametrize("path", [None, 5, [1.0]])
 def test_a_campaign_is_read_from_a_path(path):
     with pytest.raises(BadInputError, match="from_frame takes a data frame"):
