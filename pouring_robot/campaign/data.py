@@ -177,6 +177,7 @@ class Campaign(Result):
         import pandas
 
         expect(frame, pandas.DataFrame, "a campaign is made from a pandas DataFrame with units on its columns' names")
+        expect(path, Path | str, "the path of a campaign is the one its table would have")
         expect(metadata, CampaignMetadata | Mapping, "the metadata of a campaign are a mapping of what its YAML holds")
         robot, path = definition_of(robot), Path(path)
         if not isinstance(metadata, CampaignMetadata):
