@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -80,17 +81,19 @@ class Campaign(Result):
     def __post_init__(self) -> None:
         expect(self.path, Path | str, "the path of a campaign is that of its table, or the one it would have")
         expect(self.metadata, CampaignMetadata, "the metadata of a campaign are CampaignMetadata")
-        lines = finite(self.lines, (None,), "the lines of a campaign are whole numbers, one a row")
+        demand = "the lines of a campaign are whole numbers, one a row"
+        lines = finite(self.lines, (None,), demand)
+        if (lines % 1.0).any():
+            raise BadInputError(demand)
         changed = {"robot": definition_of(self.robot), "path": Path(self.path), "lines": read_only(lines.astype(int))}
-        for name, value in changed.items():
+        texts = {name: _texts(getattr(self, name)) for name in ("samples", "sessions", "distance_from")}
+        for name, value in {**changed, **texts}.items():
             object.__setattr__(self, name, value)
         rows = len(self)
         if rows == 0:
             raise BadInputError("a campaign needs at least one row")
-        if {len(as_tuple(names)) for names in (self.samples, self.sessions, self.distance_from or self.samples)} != {
-            rows
-        }:
-            raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
+        if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
+            raise BadInputError(f"a campaign of {rows} rows needs as many samples, sessions and distance_from")
         for name, parts in columns.array_names(self.robot).items():
             values = getattr(self, name)
             if values is not None or name in ("drives", "position_m"):
@@ -174,6 +177,7 @@ class Campaign(Result):
         import pandas
 
         expect(frame, pandas.DataFrame, "a campaign is made from a pandas DataFrame with units on its columns' names")
+        expect(path, Path | str, "the path of a campaign is the one its table would have")
         expect(metadata, CampaignMetadata | Mapping, "the metadata of a campaign are a mapping of what its YAML holds")
         robot, path = definition_of(robot), Path(path)
         if not isinstance(metadata, CampaignMetadata):
@@ -412,6 +416,13 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
         said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
         mend = "name its robot file (--robot; in Python the argument robot, its path)"
         raise CampaignError(path, f"{said}; {mend}") from problem
+
+
+def _texts(values: Any) -> tuple[str, ...]:
+    """Return labels of rows as texts; numbers that count may stand for them."""
+    for label in (labels := as_tuple(values)):
+        expect(label, str | Integral, "each sample, session and distance_from of a campaign is a text")
+    return tuple(map(str, labels))
 
 
 def _checked(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -103,10 +104,8 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     Raises:
         BadInputError: the count is not between 1 and 100,000, the seed is negative, or hardly any pose is in reach.
     """
-    if not (isinstance(count, int | np.integer) and 1 <= count <= _MOST_POSES):
-        raise BadInputError(f"a plan has 1 to {_MOST_POSES} poses, not {count}")
-    if not (isinstance(seed, int | np.integer) and seed >= 0):
-        raise BadInputError(f"the seed of a plan is a whole number from 0 on, not {seed}")
+    count = whole(count, 1, f"a plan has 1 to {_MOST_POSES} poses", _MOST_POSES)
+    seed = whole(seed, 0, "the seed of a plan is a whole number from 0 on")
     random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)
     poses: list[Command] = []
     drives: list[FloatArray] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,7 @@ from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions
-from pouring_robot.io.given import expect
+from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -64,11 +65,11 @@ class DiagnosisOptions:
     next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
-        expect(self.false_names, float | int, "the rate of false names is a share between 0 and 1")
-        if not (isinstance(self.next_count, int | np.integer) and self.next_count >= 0):
-            raise BadInputError(f"so many measurements cannot be suggested: {self.next_count}; give a whole number")
+        whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
+        expect(self.false_names, Real, "the rate of false names is a share between 0 and 1")
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
+        object.__setattr__(self, "false_names", float(self.false_names))  # the report's JSON takes none of numpy's
 
 
 class Diagnosis(Conclusions, Result):

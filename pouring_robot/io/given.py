@@ -1,6 +1,8 @@
-"""What a user gives from Python: of which kind it must be, one or several."""
+"""What a user gives from Python: of which kind it must be, whole numbers, one or several."""
 
+import math
 from collections.abc import Iterable
+from numbers import Integral
 from types import UnionType
 from typing import Any
 
@@ -11,6 +13,13 @@ def expect(value: object, kind: type | UnionType, said: str) -> None:
     """Raise BadInputError, what is ``said`` and what came instead, unless a value is of a kind."""
     if not isinstance(value, kind):
         raise BadInputError(f"{said}, not a {type(value).__name__}")
+
+
+def whole(value: Any, least: int, said: str, most: float = math.inf) -> int:
+    """Return a whole number, of numpy or not, or raise BadInputError, what is ``said`` and what came instead."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        raise BadInputError(f"{said}, not {value!r}")
+    return int(value)
 
 
 def as_tuple(values: Any) -> tuple[Any, ...]:

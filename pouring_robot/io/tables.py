@@ -247,7 +247,8 @@ def _cells(given: Iterable[Any]) -> list[Any]:
     """Return cells of pandas, "" for those that are missing."""
     import pandas as pd
 
-    return ["" if pd.isna(cell) else cell for cell in given]
+    # Of a cell that holds a list isna gives a mask; what such a cell may be is for its column to say.
+    return ["" if pd.isna(cell) is True else cell for cell in given]
 
 
 def _read_parquet(path: Path, error: type[TableError]) -> Table:

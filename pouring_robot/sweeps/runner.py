@@ -11,6 +11,7 @@ from typing import Any
 
 import pouring_robot
 from pouring_robot.exceptions import BadInputError, SweepWorkerError
+from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report
@@ -61,8 +62,7 @@ def sweep(
     if isinstance(config, Path | str):
         config = SweepConfig.load(config)
     plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
-    if not isinstance(plan, SweepPlan):
-        raise BadInputError(f"a sweep is a SweepPlan, a SweepConfig or the path of a file, not a {type(plan).__name__}")
+    expect(plan, SweepPlan, "a sweep is a SweepPlan, a SweepConfig or the path of a file")
     if plan.config.model is not None:
         plan.model.warn_of_left_out("sweep", str(plan.config.model))
     store = run_sweep(
@@ -85,8 +85,7 @@ def run_sweep(
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     if overwrite and resume:
         raise BadInputError("resume or overwrite, not both: one goes on, the other begins anew")
-    if not isinstance(workers, int) or workers < 0:
-        raise BadInputError(f"workers is a number of processes, 0 for this one alone, not {workers!r}")
+    workers = whole(workers, 0, "workers is a number of processes, 0 for this one alone")
     require_room(folder, plan)
     if overwrite:
         remove_sweep(folder)

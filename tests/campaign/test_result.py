@@ -26,8 +26,12 @@ def test_a_campaign_is_made_from_a_data_frame(real):
     np.testing.assert_array_equal(made.drives, real.campaign.drives)
     assert made.sessions == real.campaign.sessions
     assert made.metadata.sigma_position_m == pytest.approx(5e-5)
-    with pytest.raises(CampaignError, match="line 3, column 'x_m': 'far' is not a usable number"):
-        Campaign.from_frame(frame.astype(object).replace({"x_m": {frame["x_m"][2]: "far"}}), {})
+    for cell, shown in (("far", "far"), ([1.0, None], r"\[1.0, None\]")):
+        column = [*frame["x_m"][:2], cell, *frame["x_m"][3:]]
+        with pytest.raises(CampaignError, match=f"line 3, column 'x_m': '{shown}' is not a usable number"):
+            Campaign.from_frame(frame.assign(x_m=column), {})
+    with pytest.raises(BadInputError, match="the path of a campaign is the one its table would have, not a None"):
+        Campaign.from_frame(frame, {}, path=None)
     with pytest.raises(CampaignFileError, match=r"unknown key 'metrology.sigma'"):
         Campaign.from_frame(frame, {"metrology": {"sigma": 1.0}})
 
@@ -53,6 +57,17 @@ def test_what_a_file_may_not_hold_a_campaign_does_not(real, tmp_path):
 def test_a_campaign_lacks_nothing(real, name):
     with pytest.raises(BadInputError, match="campaign"):
         dataclasses.replace(real.campaign, **{name: None})
+
+
+def test_a_campaign_keeps_its_names_as_texts(real):
+    rows = np.arange(len(real.campaign))
+    given = dataclasses.replace(real.campaign, sessions=rows, distance_from=np.full(rows.size, ""))
+    assert given.sessions[:2] == ("0", "1") and type(given.distance_from[0]) is str
+    one = real.campaign.subset(rows[:1])
+    assert dataclasses.replace(one, sessions="abc").sessions == ("abc",)
+    for wrong in ({"samples": None}, {"sessions": [np.nan]}, {"samples": ["b", "c"]}, {"lines": [0.5]}):
+        with pytest.raises(BadInputError, match=r"is a text, not a|needs as many|are whole numbers"):
+            dataclasses.replace(one, **wrong)
 
 
 @pytest.mark.parametrize("path", [None, 5, [1.0]])

@@ -39,17 +39,16 @@ def test_numbers_must_be_finite(bad):
         position[index] = bad
         with pytest.raises(BadInputError, match="pose's x, y, z must be finite numbers, in m"):
             PlatformPose(tuple(position), 0.0)
-    with pytest.raises(BadInputError, match="the tilt one, in rad"):
+    with pytest.raises(BadInputError, match="tilt must be a finite number, in rad"):
         PlatformPose((0.0, 0.0, 0.0), bad)
     with pytest.raises(BadInputError, match="must be finite numbers, in mm and degrees"):
         PlatformPose.from_mm_deg("a", bad, 0.0, 0.0)
 
 
-def test_a_position_has_three_coordinates():
+@pytest.mark.parametrize("bad", [(0.0, 0.0), None, "123", dict.fromkeys([1.0, 2.0, 3.0])])
+def test_a_position_has_three_coordinates(bad):
     with pytest.raises(BadInputError, match="x, y, z must be finite numbers"):
-        PlatformPose((0.0, 0.0), 0.0)
-    with pytest.raises(BadInputError, match="x, y, z must be finite numbers"):
-        PlatformPose(None, 0.0)
+        PlatformPose(bad, 0.0)
 
 
 def test_a_pose_keeps_plain_numbers_whatever_it_was_given():

@@ -187,7 +187,7 @@ def test_a_stop_does_not_take_older_results_away(undisturbed, tmp_path, plan):
     assert finished_chunks(undisturbed[1]) == CHUNKS
 
 
-@pytest.mark.parametrize("workers", [-1, 1.5, "2"])
+@pytest.mark.parametrize("workers", [-1, 1.5, "2", True])
 def test_workers_are_a_number_of_processes(plan, tmp_path, workers):
     with pytest.raises(BadInputError, match=f"workers is a number of processes, .* not {workers!r}"):
         run_sweep(plan, tmp_path / "out", workers=workers)

@@ -1,7 +1,6 @@
 """What the controller of the pouring robot commands: the platform's four freedoms."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -20,12 +19,11 @@ class PlatformPose:
     tilt_rad: float  # r, rotation about y, in rad
 
     def __post_init__(self) -> None:
-        given = (*self.position_m, self.tilt_rad) if isinstance(self.position_m, Iterable) else None
-        demand = "the pose's x, y, z must be finite numbers, in m, and the tilt one, in rad"
-        *position, tilt = finite(given, (4,), demand).tolist()
+        position = finite(self.position_m, (3,), "the pose's x, y, z must be finite numbers, in m")
+        tilt = finite(self.tilt_rad, (), "the pose's tilt must be a finite number, in rad")
         # What was given may be an array, which neither compares nor hashes.
-        object.__setattr__(self, "position_m", tuple(position))
-        object.__setattr__(self, "tilt_rad", tilt)
+        object.__setattr__(self, "position_m", tuple(position.tolist()))
+        object.__setattr__(self, "tilt_rad", tilt.item())
 
     @classmethod
     def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> Self:
