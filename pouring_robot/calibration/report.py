@@ -143,10 +143,12 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     _, point = calibration.present.definition.tool_words
     # Closures need no device, and have no frames.
     device = any(calibration.noise[kind].source != "none" for kind in ("position", "rotation", "distance"))
-    lost = device and not calibration.ladle.located
-    base = "in the robot's own base, for the data hardly tell where device and target stand, " if lost else ""
+    # What the frames and the robot share is known of their sum only: the point goes with the target, as nobody saw it.
+    axes = "seen by the device, and fixed to the target, " if device else ""
+    if device and not calibration.ladle.located:
+        axes = "in the robot's own base, for the data hardly tell where device and target stand, "
     return (
-        f"as far as what was kept explains the robot, {base}the model knows each coordinate of {point} to "
+        f"as far as what was kept explains the robot, {axes}the model knows each coordinate of {point} to "
         f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
         "measurement noise comes on top"
     )
