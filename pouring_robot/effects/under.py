@@ -149,9 +149,11 @@ class RobotUnderConditions:
         try:
             found, untold = stack_of(self.robot.model, given, counted, seen=False)
         except MissingConditionsError as problem:
-            if problem.headings == ("time_s",) and "time_s" in given:
+            model = self.robot.model
+            untimed = {e.effect for e in model.effects if e.learned and not model.learned[e.learned].timed}
+            if problem.headings == ("time_s",) and problem.effect in untimed:
                 said = f"the model's effect '{problem.effect}' was learned in a campaign without times, so nobody knows"
-                raise self.robot.model.fault(f"{said} what it does elsewhere; take it out") from problem
+                raise model.fault(f"{said} what it does elsewhere; take it out") from problem
             raise
         self.notes = (*self._notes(given), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])

@@ -1,4 +1,4 @@
-"""A device that stands elsewhere in each session, without a turn: named, and its held-out session is no reproach."""
+"""What goes by a campaign's own sessions, or by the order of its rows: named, and what cannot be foretold is said."""
 
 import numpy as np
 import pandas as pd
@@ -9,6 +9,8 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.robot.robot import Robot
+from tests.diagnosis.hidden import campaign as hidden
+from tests.rig import Wanted
 from tests.support import ROOT
 
 ARM = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
@@ -46,3 +48,10 @@ def test_held_out_by_region_the_gap_closes(campaign):
     found = diagnose(campaign, RobotModel.for_robot(ARM), DiagnosisOptions(hold_out="region"))
     assert found.held_out.position("after") < 1.5e-3 * SIGMA_MM
     assert not any("no other session tells" in line for line in note_lines(found))
+
+
+def test_what_crept_in_rows_without_times_is_for_no_other_command(tmp_path):
+    without = hidden(tmp_path, (Wanted("base_drift", 6.0, "a"),), rows=45).with_conditions(time=None)
+    found = diagnose(without)
+    assert [effect.cause.effect for effect in found.effects] == ["base_drift"]
+    assert any(line.startswith("without times nobody knows what base_drift does") for line in note_lines(found))

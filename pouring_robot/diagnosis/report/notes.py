@@ -56,6 +56,13 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
     lines += _minor_lines(diagnosis)
     stays = diagnosis.rows.not_told_by_commands(diagnosis.amended)
+    ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not given.time_known]
+    if ordered:
+        lines.append(
+            f"without times nobody knows what {', '.join(ordered)} does beyond these rows: take it out of model.yaml "
+            "before another command uses that"
+        )
+    stays = tuple(effect for effect in stays if effect not in ordered)
     if stays:
         lines.append(
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
