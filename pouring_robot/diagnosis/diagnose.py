@@ -25,6 +25,7 @@ from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
+from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import NoiseLevel, are, component_name
 from pouring_robot.estimation.map_fit import seen_from_one_place
@@ -197,7 +198,9 @@ class _Work:
 
     def searched(self, wrong: NDArray[np.intp], start: Hypothesis | None = None) -> _Searched:
         """Search with some rows left out, from what was found with more rows."""
-        kept = self.campaign.usable & ~np.isin(np.arange(len(self.campaign)), wrong)
+        kept = self.campaign.usable.copy()
+        for rows_out in (wrong, *rows_beyond(self.campaign).values()):
+            kept[rows_out] = False
         inliers = np.flatnonzero(kept)
         if inliers.size < FEWEST_ROWS:
             raise CampaignError(

@@ -240,6 +240,9 @@ class NominalRows:
     payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
+_MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
+
+
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
     """Return the conditions of a campaign whose rows are all usable; ``nominal`` are the same rows by the drawing.
 
@@ -347,18 +350,37 @@ def _loads(
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 
+def rows_beyond(campaign: Campaign) -> dict[str, NDArray[np.intp]]:
+    """Return the rows in which a condition is not known yet, or not any more, by its heading, ascending.
+
+    Between two known values others may be filled in; of what comes long after the last one nobody knows anything. A few
+    rows count as between, and so does what is the same wherever it is known.
+    """
+    order, found = np.argsort(_times(campaign), kind="stable"), {}
+    for name, values in campaign.conditions.items():
+        known = np.flatnonzero(np.isfinite(values[order]))
+        if name != "time" and known.size and np.ptp(values[order][known]) > 0.0:
+            ends = order[: known[0]], order[known[-1] + 1 :]
+            if rows := [row for end in ends if len(end) > _MOST_BEYOND for row in end.tolist()]:
+                found[campaign.heading(name)] = np.sort(np.array(rows, dtype=np.intp))
+    return found
+
+
+def _times(campaign: Campaign) -> FloatArray:
+    """Return the times of the rows, (n,), in s, or their numbers where not all are known."""
+    time = campaign.time_s
+    return np.arange(len(campaign), dtype=float) if time is None or not np.isfinite(time).all() else time
+
+
 def _without_gaps(campaign: Campaign, filled: list[str], name: str) -> FloatArray | None:
-    """Return a quantity, (n,), single missing cells filled in from their neighbours in time; None where there is none.
+    """Return a quantity, (n,), missing cells filled in from their neighbours in time; None where there is none.
 
     The headings of those that had gaps are added to ``filled``.
     """
     values = campaign.quantity(name)
     if values is None or np.isfinite(values).all():
         return values
-    time = campaign.time_s
-    if time is None or not np.isfinite(time).all():
-        time = np.arange(len(campaign), dtype=float)
-    known = np.isfinite(values)
+    known, time = np.isfinite(values), _times(campaign)
     order = np.argsort(time[known], kind="stable")
     cells = np.interp(time[~known], time[known][order], values[known][order])
     whole = np.array(values)

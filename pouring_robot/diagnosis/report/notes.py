@@ -7,6 +7,7 @@ import numpy as np
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
 from pouring_robot.mechanism.arrays import FloatArray
@@ -40,6 +41,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
     if unusable.size:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
+    for heading, rows in rows_beyond(diagnosis.campaign).items():
+        said = f"left out, as {heading} is not known yet, or not any more (without that column they count)"
+        lines.append(f"{said}: {_file_lines(diagnosis, rows)}")
     effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
     by_session = [effect for effect in named if effects[effect].driver == "session"]
     if by_session and not np.isin(given.session[~diagnosis.fitted], given.session[diagnosis.fitted]).all():
