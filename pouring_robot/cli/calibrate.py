@@ -58,7 +58,7 @@ def calibrate(
     with progress.stage_bars() as show:
         found = run(data, present, chosen, show)
         show("writing", 0, 0)
-        written = found.save(out, overwrite=True)  # looked for before the work
+        written = found.save(out, overwrite=options.OVERWRITE.get())
     if as_json:
         return options.print_figures(calibration_metrics(found), written)
     _print(found)

@@ -91,7 +91,9 @@ def plan(
     with progress.stage_bars() as show:
         found = planner.plan(show)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
-    written = write_together({out: found.csv()} | ({png: plot(found)} if png else {}))
+    written = write_together(
+        {out: found.csv()} | ({png: plot(found)} if png else {}), overwrite=options.OVERWRITE.get()
+    )
     figures = found.figures() | {"random_plans": comparison.figures()}
     if as_json:
         return options.print_figures(figures, written)
@@ -253,7 +255,7 @@ def simulate(
     files = measured.campaign.contents(out)
     if truth:
         files[truth] = measured.truth_text(which.model).encode()
-    write_together(files)
+    write_together(files, overwrite=options.OVERWRITE.get())
     options.print_written(files)
 
 

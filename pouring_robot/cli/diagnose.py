@@ -60,7 +60,7 @@ def diagnose(
             raise DiagnosisError(f"{campaign}: {problem.problem}", problem.mend) from problem
     with progress.stage_bars(ticking=False) as show:  # beside no thread, so that its pictures are drawn beside it
         show("writing the report", 0, 0)
-        written = found.save(out, overwrite=True)  # looked for before the work
+        written = found.save(out, overwrite=options.OVERWRITE.get())
     if as_json:
         return options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
     _print(found)

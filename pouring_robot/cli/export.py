@@ -42,7 +42,7 @@ def export(
     closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
-    options.print_written(reversed(write_together(files)))
+    options.print_written(reversed(write_together(files, overwrite=options.OVERWRITE.get())))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
     options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if gap:

@@ -34,7 +34,7 @@ def init(urdf: Urdf, out: Out = None) -> None:
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     options.refuse_present([path])
     text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
-    write_whole(path, text)
+    write_whole(path, text, overwrite=options.OVERWRITE.get())
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
     options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
@@ -89,7 +89,9 @@ def new(
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
     middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
-    written = write_together({layouts: layout.file_text(), model: own.file_text(out)})
+    written = write_together(
+        {layouts: layout.file_text(), model: own.file_text(out)}, overwrite=options.OVERWRITE.get()
+    )
     written += bundles.Drawing(html=page, png=png).write([middle], own)
     options.print_written(written)
     options.say(f"next: pouring-robot robots --model {model}")

@@ -145,6 +145,9 @@ def stack_of(
         missing = sources(effect.missing(rows), model.definition)
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
         missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
+        if missing == ("time_s",) and learned and not learned.timed:
+            said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
+            raise model.fault(f"{said} what it does elsewhere; take it out")
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
             raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
         try:

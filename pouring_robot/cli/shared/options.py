@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Robot
 
-QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
+QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
 
 
@@ -38,7 +38,7 @@ def _be_quiet(wanted: bool) -> bool:
 
 
 def _may_overwrite(wanted: bool) -> bool:
-    _OVERWRITE.set(wanted)
+    OVERWRITE.set(wanted)
     return wanted
 
 
@@ -131,7 +131,7 @@ def refuse_present(files: Iterable[Path]) -> None:
     """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
     from pouring_robot.io.files import check_outputs
 
-    check_outputs(list(files), overwrite=_OVERWRITE.get())
+    check_outputs(list(files), overwrite=OVERWRITE.get())
 
 
 AtMm = Annotated[
@@ -233,7 +233,7 @@ def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
     """Write a file that was asked for, if one was, and return it."""
     from pouring_robot.io.files import write_whole
 
-    return [] if path is None else [write_whole(path, text())]
+    return [] if path is None else [write_whole(path, text(), overwrite=OVERWRITE.get())]
 
 
 def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
