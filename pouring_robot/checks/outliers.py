@@ -170,11 +170,14 @@ def _jump(
     free_pose = (pose - basis @ (basis.T @ pose)) / floors
     power = np.maximum((free_steps**2).sum(axis=0), 1e-9)
     gain = ((free_steps.T @ free_pose) ** 2).sum(axis=1) / power
-    place = int(places[int(np.argmax(gain))])
+    best = int(np.argmax(gain))
+    place = int(places[best])
     design = np.column_stack([terms, np.arange(len(rows)) >= place])
     fits = [_robust_fit(design, pose[:, k], float(floors[k])) for k in range(pose.shape[1])]
     step = np.array([coefficients[-1] for coefficients, _, _ in fits])
-    size = float(max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
+    # What of the step is none of the smooth terms: in rows that were sorted by pose, pose may pass for most of it.
+    told = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
+    size = float(told * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
     if size < _JUMP_SIGMAS:
         return
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))

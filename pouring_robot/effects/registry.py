@@ -145,9 +145,6 @@ def stack_of(
         missing = sources(effect.missing(rows), model.definition)
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
         missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
-        if missing == ("time_s",) and learned and not learned.timed:
-            said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
-            raise model.fault(f"{said} what it does elsewhere; take it out")
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
             raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
         try:
@@ -174,6 +171,15 @@ def stack_of(
     return found, tuple(untold)
 
 
+def said_of_order(model: RobotModel, problem: MissingConditionsError) -> str:
+    """Return why no time helps an effect that was learned by the order of rows without times; "" where it does."""
+    untimed = {e.effect for e in model.effects if e.learned and not model.learned[e.learned].timed}
+    if problem.headings != ("time_s",) or problem.effect not in untimed:
+        return ""
+    said = f"the model's effect '{problem.effect}' was learned in a campaign without times, so nobody knows"
+    return f"{said} what it does elsewhere; take it out"
+
+
 def changes_by_stack(
     model: RobotModel,
     campaign: Campaign,
@@ -188,6 +194,8 @@ def changes_by_stack(
     try:
         found, untold = stack_of(model, told(campaign), functools.partial(conditions_of, campaign, nominal))
     except MissingConditionsError as problem:
+        if by_order := said_of_order(model, problem):
+            raise model.fault(by_order) from problem
         raise refusal(
             f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
             "say it",

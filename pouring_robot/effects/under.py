@@ -28,7 +28,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects, local_changes, stack_of
+from pouring_robot.effects.registry import all_effects, local_changes, said_of_order, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
@@ -146,7 +146,12 @@ class RobotUnderConditions:
             return found if learned.timed else replace(found, time_known=True)
 
         given = told(campaign)
-        found, untold = stack_of(self.robot.model, given, counted, seen=False)
+        try:
+            found, untold = stack_of(self.robot.model, given, counted, seen=False)
+        except MissingConditionsError as problem:
+            if by_order := said_of_order(self.robot.model, problem):
+                raise self.robot.model.fault(by_order) from problem
+            raise
         self.notes = (*self._notes(given), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]

@@ -392,7 +392,7 @@ def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
         encoding="utf-8",
     )
     code, _, err = run("sweep", "sweep.yaml", "--out", "swept")
-    assert code == 0 and err == "note: sweep takes the robot cold; the heat section of hot.yaml is left out\n"
+    assert code == 0 and err == "note: this command takes the robot cold; the heat section of hot.yaml is left out\n"
     with pytest.warns(UserWarning, match="heat section of hot.yaml is left out"):
         sweep("sweep.yaml", "again")
 

@@ -148,7 +148,7 @@ def test_the_frames_that_are_reported_stand_in_the_file(drawing):
 
 def test_a_loop_name_stands_once():
     twice = {"frame_a": "a", "frame_b": "b", "name": "tips"}
-    with pytest.raises(ValueError, match="loop 'tips' stands twice"):
+    with pytest.raises(BadInputError, match="loop 'tips' stands twice"):
         LoopsFile(drives=("m",), loops=(twice, twice))
 
 
