@@ -431,3 +431,16 @@ def test_data_that_are_wrong_as_a_whole_or_in_most_rows_are_refused(clean, drawi
     most = [found(campaign, FlagCode.UNREACHABLE_POSE, "far", [k]) for k in range(len(campaign) // 2 + 1)]
     with pytest.raises(CampaignError, match="far"):
         usable_without(campaign, most)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.25])
+def test_rows_measured_pose_by_pose_are_no_moved_tracker(crooked, drawing, share):
+    """Half of them tilted one way, then half the other way: what a crooked robot does differently there is no step."""
+    plan = random_plan(crooked, 300, 3)
+    tilt = plan.drives[:, 3]
+    back, forth = (
+        np.flatnonzero(part) for part in (tilt < np.quantile(tilt, share), tilt > np.quantile(tilt, 1 - share))
+    )
+    campaign = simulate_campaign(crooked, plan, MeasurementOptions(SIGMA_M, SIGMA_RAD, seed=2)).campaign
+    sorted_by_tilt = campaign.subset([*back[:22], *forth[:23]]).with_conditions(time=60.0 * np.arange(45))
+    assert FlagCode.MEASUREMENT_JUMP not in codes(check_campaign(sorted_by_tilt, drawing.kinematics))
