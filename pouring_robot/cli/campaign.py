@@ -59,7 +59,7 @@ def plan(
     from pouring_robot.design.request import PlanRequest
     from pouring_robot.design.result import plot
     from pouring_robot.estimation.instruments import NoiseLevel
-    from pouring_robot.io.files import check_ending, write_together
+    from pouring_robot.io.files import check_ending
     from pouring_robot.io.tables import CSV_SUFFIXES
     from pouring_robot.robot.tolerances import Tolerances
 
@@ -91,9 +91,7 @@ def plan(
     with progress.stage_bars() as show:
         found = planner.plan(show)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
-    written = write_together(
-        {out: found.csv()} | ({png: plot(found)} if png else {}), overwrite=options.OVERWRITE.get()
-    )
+    written = options.write_all({out: found.csv()} | ({png: plot(found)} if png else {}))
     figures = found.figures() | {"random_plans": comparison.figures()}
     if as_json:
         return options.print_figures(figures, written)
@@ -230,7 +228,6 @@ def simulate(
     from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-    from pouring_robot.io.files import write_together
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
@@ -255,7 +252,7 @@ def simulate(
     files = measured.campaign.contents(out)
     if truth:
         files[truth] = measured.truth_text(which.model).encode()
-    write_together(files, overwrite=options.OVERWRITE.get())
+    options.write_all(files)
     options.print_written(files)
 
 

@@ -29,7 +29,6 @@ def export(
     for name, wanted in (("--zero-here", zero_here), ("--absolute-meshes", absolute_meshes)):
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
-    from pouring_robot.io.files import write_together
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
@@ -42,7 +41,7 @@ def export(
     closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
-    options.print_written(reversed(write_together(files, overwrite=options.OVERWRITE.get())))
+    options.print_written(reversed(options.write_all(files)))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
     options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if gap:

@@ -28,13 +28,12 @@ def init(urdf: Urdf, out: Out = None) -> None:
 
     What a Gepetto robot.yaml beside it closes is taken over; the file is then called robot_file.yaml.
     """
-    from pouring_robot.io.files import write_whole
     from pouring_robot.robot.description.first_file import first_robot, loops_beside
 
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     options.refuse_present([path])
     text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
-    write_whole(path, text, overwrite=options.OVERWRITE.get())
+    options.written(path, lambda: text)
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
     options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
@@ -73,7 +72,6 @@ def new(
 
     All else (ladle, truss, parts of the legs) stays the paper's robot's, in layouts.yaml, to be changed there.
     """
-    from pouring_robot.io.files import write_together
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
 
@@ -89,9 +87,7 @@ def new(
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
     middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
-    written = write_together(
-        {layouts: layout.file_text(), model: own.file_text(out)}, overwrite=options.OVERWRITE.get()
-    )
+    written = options.write_all({layouts: layout.file_text(), model: own.file_text(out)})
     written += bundles.Drawing(html=page, png=png).write([middle], own)
     options.print_written(written)
     options.say(f"next: pouring-robot robots --model {model}")

@@ -66,11 +66,12 @@ class DiagnosisOptions:
     next_count: int = 10  # how many measurements to suggest
 
     def __post_init__(self) -> None:
-        whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
+        count = whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
         expect(self.false_names, Real, "the rate of false names is a share between 0 and 1")
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
-        object.__setattr__(self, "false_names", float(self.false_names))  # the report's JSON takes none of numpy's
+        for name, plain in {"next_count": count, "false_names": float(self.false_names)}.items():
+            object.__setattr__(self, name, plain)  # the report's JSON takes no numbers of numpy's
 
 
 class Diagnosis(Conclusions, Result):

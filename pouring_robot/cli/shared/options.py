@@ -236,6 +236,13 @@ def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
     return [] if path is None else [write_whole(path, text(), overwrite=OVERWRITE.get())]
 
 
+def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
+    """Write several files, all or none, and return them; what has appeared meanwhile stays without ``--overwrite``."""
+    from pouring_robot.io.files import write_together
+
+    return write_together(files, overwrite=OVERWRITE.get())
+
+
 def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
     """Print a text or a table, unless nothing but errors and JSON is to be printed."""
     _console().print(what, style=style, soft_wrap=soft_wrap)
