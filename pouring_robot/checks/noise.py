@@ -123,16 +123,20 @@ def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_driv
     squares = (directions.T @ (outside.T @ residual)) ** 2
     power = np.maximum(power, 0.0)
 
-    def cost(logs: Sequence[float]) -> float:
-        variance = math.exp(2.0 * logs[0]) + math.exp(2.0 * logs[1]) * power
-        return float(0.5 * np.sum(np.log(variance) + squares / variance))
+    def cost(logs: Sequence[float]) -> tuple[float, FloatArray]:
+        """Return -log likelihood and its derivatives by the logarithms of both standard deviations."""
+        own, caused = math.exp(2.0 * logs[0]), math.exp(2.0 * logs[1]) * power
+        variance = own + caused
+        slope = (1.0 - squares / variance) / variance
+        return float(0.5 * np.sum(np.log(variance) + squares / variance)), np.array([own * slope.sum(), caused @ slope])
 
     def best(start: float) -> tuple[float, float]:
-        found_ = scipy.optimize.minimize(cost, (start, -2.0), method="L-BFGS-B", bounds=[(-12.0, 12.0), (-15.0, 6.0)])
+        bounds = [(-12.0, 12.0), (-15.0, 6.0)]
+        found_ = scipy.optimize.minimize(cost, (start, -2.0), jac=True, method="L-BFGS-B", bounds=bounds)
         return float(found_.fun), float(found_.x[0])
 
     free_cost, log_factor = min(best(start) for start in (0.0, 2.0))
-    as_stated = scipy.optimize.minimize_scalar(lambda log: cost((0.0, log)), bounds=(-15.0, 6.0), method="bounded")
+    as_stated = scipy.optimize.minimize_scalar(lambda log: cost((0.0, log))[0], bounds=(-15.0, 6.0), method="bounded")
     ratio = 2.0 * (float(as_stated.fun) - free_cost)
     sure = log_factor > 0.0 and ratio > float(chdtri(1, 2.0 * FALSE_ALARMS))
     return Scatter(math.exp(log_factor), sure, by_drives)

@@ -11,9 +11,11 @@ import pinocchio as pin
 import pytest
 from lxml import etree
 
+from pouring_robot.checks.flags import FlagCode, Severity
 from pouring_robot.diagnosis.discrepancy import discrepancies
 from pouring_robot.diagnosis.gap import in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
 from pouring_robot.diagnosis.report.scene import _scene, campaign_scene, ladle_scene, seen_states
@@ -201,6 +203,9 @@ def test_a_step_is_found_with_its_line_and_size(excluded):
     assert item.step == pytest.approx(STEP_M, rel=0.25)
     assert "a step of +" in item.sentence
     assert item.as_json()["step"]["after_line"] == item.step_after
+    (flag,) = (flag for flag in found.flags if flag.code is FlagCode.MEASUREMENT_JUMP)
+    small = replace(found, flags=(replace(flag, severity=Severity.NOTE),))
+    assert f"data: {flag.message}" in note_lines(small)
 
 
 def test_everything_is_written_and_the_model_comes_back(hot, written):

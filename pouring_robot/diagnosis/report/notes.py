@@ -75,8 +75,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
     if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor"):
         told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
-    seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
-    lines += [f"data: {flag.message}" for flag in seen]
+    # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
+    weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code is FlagCode.MEASUREMENT_JUMP]
+    lines += [f"data: {flag.message}" for flag in weighty if flag.code not in told]
     return lines
 
 

@@ -121,6 +121,7 @@ def _residuals(diagnosis: Conclusions) -> str:
             axes.axhline(0.0, color="black", linewidth=0.5)
             axes.grid(alpha=0.2)
             axes.tick_params(labelsize=7)
+            axes.locator_params(nbins=4)
         row[0].set_ylabel(f"{component_name(k)} [mm]")
     figure.align_ylabels()
     for axis, axes in zip(shown, grid[-1], strict=True):

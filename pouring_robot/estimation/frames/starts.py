@@ -141,40 +141,38 @@ class _Form:
 
     def least(self) -> FloatArray:
         """Return the rotation A of the least sum of squares, (K, 3, 3), of each set."""
-        group = Rotation.create_group("O").as_matrix()
-        rotation = np.tile(group, (len(self.matrix), 1, 1))
-        sets = np.repeat(np.arange(len(self.matrix)), len(group))
-        axes = skew(np.eye(3))
+        sets, axes = len(self.matrix), skew(np.eye(3))
+        # A turned a little about each axis, by the entries of A; and what the turn's second order adds to a curvature.
+        turned = np.concatenate([np.kron(np.eye(3), axis) for axis in axes], axis=1)
         twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
-        floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None] + np.finfo(float).tiny
-        moving = np.arange(len(rotation))
+        floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
+        flat = np.tile(Rotation.create_group("O").as_matrix().reshape(-1, 9), (sets, 1, 1))
         for steps in range(_STEPS):
             if steps == _SIFTED:
-                moving = np.argsort(self._cost(rotation, sets).reshape(-1, len(group)), axis=1)[:, :_KEPT]
-                moving = np.sort((moving + len(group) * np.arange(len(moving))[:, None]).ravel())
-            form, flat = self.matrix[sets[moving]], rotation[moving].reshape(-1, 9)
-            slope = (flat[:, None] @ form)[:, 0] - self.vector[sets[moving]]
-            along = (rotation[moving, None] @ axes).reshape(-1, 3, 9)
-            gradient = (along @ slope[..., None])[..., 0]
-            back = np.swapaxes(rotation[moving], 1, 2) @ slope.reshape(-1, 3, 3)
-            curvature = along @ form @ np.swapaxes(along, 1, 2) + np.einsum("sij,abij->sab", back, twice)
-            size, frame = np.linalg.eigh(curvature)
+                flat = np.take_along_axis(flat, np.argsort(self._cost(flat), axis=1)[:, :_KEPT, None], axis=1)
+            starts = flat.shape[1]
+            rotation = flat.reshape(sets, starts, 3, 3)
+            slope = flat @ self.matrix - self.vector[:, None]
+            along = (flat @ turned).reshape(sets, -1, 9)
+            back = np.einsum("ksji,ksjl->ksil", rotation, slope.reshape(rotation.shape)).reshape(sets, starts, 9)
+            gradient = back @ axes.reshape(3, 9).T
+            seen = (along @ self.matrix).reshape(sets, starts, 3, 9)
+            curvature = seen @ np.swapaxes(along.reshape(seen.shape), 2, 3)
+            size, frame = np.linalg.eigh(curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape))
             # Downhill whatever the curvature's sign.
-            parts = (np.swapaxes(frame, 1, 2) @ gradient[..., None])[..., 0]
-            parts /= np.maximum(np.abs(size), floor[sets[moving]])
-            step = -(frame @ parts[..., None])[..., 0]
+            parts = np.einsum("ksia,ksi->ksa", frame, gradient) / np.maximum(np.abs(size), floor)
+            step = -np.einsum("ksia,ksa->ksi", frame, parts)
             length = np.linalg.norm(step, axis=-1, keepdims=True)
             turn = rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
-            rotation[moving] = rotation[moving] @ turn
-            moving = moving[length[:, 0] > _CONVERGED]
-        best = np.argmin(self._cost(rotation, sets).reshape(-1, len(group)), axis=1)
-        return np.asarray(rotation.reshape(-1, len(group), 3, 3)[np.arange(len(best)), best])
+            flat = np.einsum("ksij,ksjl->ksil", rotation, turn).reshape(flat.shape)
+            if length.max() <= _CONVERGED:
+                break
+        best = np.argmin(self._cost(flat), axis=1)
+        return np.asarray(flat[np.arange(sets), best].reshape(-1, 3, 3))
 
-    def _cost(self, rotations: FloatArray, sets: NDArray[np.intp]) -> FloatArray:
-        """Return the sums of squares, less a constant of the set, (n,)."""
-        flat = rotations.reshape(-1, 9)
-        slope = (flat[:, None] @ self.matrix[sets])[:, 0] - 2.0 * self.vector[sets]
-        return np.asarray((slope * flat).sum(axis=1))
+    def _cost(self, flat: FloatArray) -> FloatArray:
+        """Return the sums of squares of rotations by their entries, (K, s, 9), less a constant of the set, (K, s)."""
+        return np.asarray(((flat @ self.matrix - 2.0 * self.vector[:, None]) * flat).sum(axis=-1))
 
     def rest(self, rotations: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the absolute misfit of all rows (K,), in m, and c (K, 3), t_2 (K, 3), R_2 (K, 3, 3) for given A."""
