@@ -19,6 +19,7 @@ from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.hidden import HOT, NOTHING, campaign
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 FUZZ = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"}
 TEMPERATURES = ("melt_degC", "ambient_degC", "leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC", "platform_degC")
