@@ -2,13 +2,14 @@
 
 Every variable is counted in its prior's standard deviation, so the prior is the unit matrix. Axis errors act on each
 other, and a pose the drawing does not show at first order moves at second: along combinations that the data hold
-loosely the cost is a curved valley, where plain Gauss-Newton creeps. Four things help, in this order: a correction
-that leads a step back to the valley's floor, steps lengthened by how the last ones shrank, damping in the measure of
-the tolerances (which shortens steps along the valley and leaves the others), and, where that is not enough, second
-derivatives measured along the loose combinations only.
+loosely the cost is a curved valley, where plain Gauss-Newton creeps. Three things help, in this order: a correction
+that leads a step back to the valley's floor, steps lengthened by how the last ones shrank, and damping in the measure
+of the tolerances (which shortens steps along the valley and leaves the others). Second derivatives are measured at the
+answer, for its covariance; measured on the way they cost more than the steps they saved: calibrations of the pouring
+robot and of the hexapod took 1.5 and 4 times as long.
 
 scipy.optimize.least_squares needs 7 to 17 evaluations of 57 parameters from 40 poses (six robots, to 1e-6 of the cost)
-where this needs 4 to 9 (25 and second derivatives in the worst), and its losses judge coordinates, not rows.
+where this needs 4 to 14 (nine robots), and its losses judge coordinates, not rows.
 """
 
 from typing import NamedTuple
@@ -25,9 +26,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 # From which step length on (standard deviations of the answer) steps are lengthened, and by how much at most.
 _LATE, _LONGEST_STRIDE = 10.0, 5.0
-# After so many evaluations without an answer second derivatives are measured if steps are short (standard deviations
-# of the answer), and again after as many more.
-_PATIENCE, _NEAR = 12, 5.0
 _AS_EXPECTED = 0.25  # share of the expected gain below which a step has left the valley
 # Along combinations that the data hold this much firmer than the tolerances, second derivatives do not count.
 _FIRM = 100.0
@@ -71,7 +69,6 @@ class Search:
                 f"only {used} of {len(rows)} rows can be used ({self.failed.size} do not close)",
                 "measure more poses, or check drive values and model file",
             )
-        self.second: FloatArray | None = None
         self.second_evaluations = 0
         self._take(start, prediction)
 
@@ -81,13 +78,9 @@ class Search:
         It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times; raises
         CalibrationError if that is far from an answer.
         """
-        damping, patience = 0.0, _PATIENCE  # the problem is nearly linear: Gauss-Newton until a step fails
+        damping = 0.0  # the problem is nearly linear: Gauss-Newton until a step fails
         stride, last = 1.0, np.zeros_like(self.gradient)
         while True:
-            if self.evaluations >= patience and self.length(self.step(0.0)) < _NEAR:
-                self.measure_second()
-                damping, stride, last = 0.0, 1.0, np.zeros_like(last)
-                patience = self.evaluations + _PATIENCE
             step = self.step(damping)
             stride = self.stride(step, last, stride) if damping == 0.0 else 1.0
             length = self.length(step)
@@ -106,8 +99,6 @@ class Search:
             elif stride != 1.0:
                 stride, last = 1.0, np.zeros_like(step)
             else:
-                if self._curved is None:
-                    self.second = None  # measured elsewhere
                 damping = max(damping * _HARDER, _FIRST_DAMPING)
 
     def _mend(self) -> str:
@@ -141,25 +132,15 @@ class Search:
         self.gradient = weighted.T @ (np.sqrt(self.weights) * self.equations.residual) + place
         # The Hessian is its square. Orthogonal, since squares would drown the prior's 1 in the round-off of exact data.
         self.triangle = _triangle(weighted, np.eye(place.size))
-        self._curved: FloatArray | None = None
 
     def step(self, damping: float) -> FloatArray:
         """Return the damped step in standard deviations of the prior."""
-        factor = self._factor()
+        factor = self.triangle
         if damping > 0.0:
             # Products of errors bend the valley, so what must stay short is a step in the tolerances' measure, where
             # loose combinations go far; firm ones are hardly damped.
             factor = _triangle(factor, np.sqrt(damping) * np.eye(len(factor)))
         return -_solve(factor, self.gradient)
-
-    def _factor(self) -> FloatArray:
-        """Return an upper triangle whose square is the Hessian, measured second derivatives included."""
-        if self.second is not None:
-            try:
-                return np.asarray(scipy.linalg.cholesky(self.triangle.T @ self.triangle + self.second))
-            except np.linalg.LinAlgError:
-                self.second = None  # measured elsewhere: here they would make a saddle of the valley
-        return self.triangle
 
     def try_step(self, step: FloatArray) -> bool:
         """Go a step if that lowers the cost; widen the bound by what is left there.
@@ -171,7 +152,7 @@ class Search:
         if trial is not None and trial.cost > self.cost - _AS_EXPECTED * self.length(step) ** 2:
             _, weights = robust_terms(trial.equations, self.loss, self.widened)
             left = self.scaled.T @ (weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
-            better = self._trial(step - _solve(self._factor(), left))
+            better = self._trial(step - _solve(self.triangle, left))
             trial = better if better is not None and better.cost < trial.cost else trial
         if trial is None or not trial.cost <= self.cost * (1.0 + 1e-10):
             return False
@@ -191,8 +172,8 @@ class Search:
         """Return a step's length in standard deviations of the answer, as the scatter of the rows has them."""
         return float(np.linalg.norm(self.triangle @ step)) / self.widened
 
-    def measure_second(self) -> None:
-        """Measure the second derivatives Σ r ∂²r that Gauss-Newton leaves out, where they count.
+    def _curved(self) -> FloatArray:
+        """Return the upper triangle with the second derivatives Σ r ∂²r that Gauss-Newton leaves out, where they count.
 
         Errors that act by their products bend the valley of the cost; along combinations that tolerances alone hold
         (weak axes of the Hessian) that is as much as the Hessian itself. There the Jacobian is taken a nudge aside.
@@ -213,9 +194,8 @@ class Search:
         curvature, turn = np.linalg.eigh(np.diag(firmness) + 0.5 * (block + block.T))
         curvature = np.maximum(np.abs(curvature), _LEAST_CURVATURE)  # a saddle is left along it, not sought
         principal = axes @ turn
-        self.second = (principal * curvature) @ principal.T - (axes * firmness) @ axes.T
         firm = self.triangle - (self.triangle @ axes) @ axes.T
-        self._curved = _triangle(firm, (principal * np.sqrt(curvature)).T)
+        return _triangle(firm, (principal * np.sqrt(curvature)).T)
 
     def stride(self, step: FloatArray, last: FloatArray, stride: float) -> float:
         """Return by how much to lengthen a step.
@@ -230,9 +210,9 @@ class Search:
         ratio = float(now @ before) / size
         return float(np.clip(stride / max(1.0 - ratio, 1e-3), 0.5, _LONGEST_STRIDE))
 
-    def covariance(self) -> FloatArray:
-        """Return the covariance of all unknowns, in m and rad; with second derivatives if they were measured here."""
-        factor = self.triangle if self._curved is None else self._curved
+    def covariance(self, *, curved: bool = False) -> FloatArray:
+        """Return the covariance of all unknowns, in m and rad; ``curved`` with second derivatives measured here."""
+        factor = self._curved() if curved else self.triangle
         inverse = scipy.linalg.solve_triangular(factor, np.eye(len(self.gradient)))
         return np.asarray(self.prior_std[:, None] * (inverse @ inverse.T) * self.prior_std)
 

@@ -144,7 +144,7 @@ class Fit:
     weights: FloatArray  # of each equation by the robust loss, shape (m,)
     prediction: Prediction  # of all rows at the answer
     evaluations: int  # how many times all rows were predicted in the search
-    second_evaluations: int  # how many times they were to measure second derivatives; 0 where the search did without
+    second_evaluations: int  # how many times they were to measure second derivatives
     cost: float  # the minimum
     failed: NDArray[np.intp]  # rows that were measured but do not close; they took no part
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
@@ -204,11 +204,9 @@ def identify(
         raise BadInputError(f"the prior needs {start.values.size} positive standard deviations")
     search = Search(rows, measured, start, prior_std, options.loss)
     last_step = search.run(options.step_tolerance, options.max_evaluations)
-    if options.curvature:
-        search.measure_second()
     return Fit(
         search.unknowns,
-        search.covariance(),
+        search.covariance(curved=options.curvature),
         prior_std,
         search.equations,
         search.weights,
