@@ -307,7 +307,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) 
         linear.row,
         linear.component,
         linear.tracker,
-        Nuisance.of(linear.free),
+        Nuisance.of(rows.free(linear)),
         before.frames.T_tracker_base.rotation,
         rows.drive_columns(linear),
         noise_known=not noise.from_residuals,
@@ -317,7 +317,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) 
 
 def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
     """Return what of a noise that comes from what is left over is too large for one, in words; "" where nothing is."""
-    robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
+    robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(rows.free(linear))
     sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}

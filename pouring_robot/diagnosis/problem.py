@@ -64,9 +64,14 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
     """Yield what may be found, and what weight makes of soft joints, with their columns in all equations."""
     if rows.conditions.joint_moments:
         yield _softness(rows, linear)
+    # Of what the model has already there may be less: bounds are of whole effects.
+    whole = not rows.model.effects and rows.model.heat is None
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
-        yield Explanation(effect, form.name, Signatures(rows, form.parameters, linear), main, one_of=form.one_of)
+        bounds = np.array([np.divide(p.bounds, p.prior_std) for p in form.parameters])
+        known = bounds if whole and np.isfinite(bounds).any() else None
+        columns = Signatures(rows, form.parameters, linear)
+        yield Explanation(effect, form.name, columns, main, one_of=form.one_of, bounds=known)
 
 
 def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:

@@ -104,16 +104,15 @@ class LinearRows(WhitenedRows):
         base = (self.jacobian[:, :6] * own[:, None] for own in self.own.T)
         return np.hstack([self.jacobian[:, :FRAMES], *base])
 
-    @property
-    def free(self) -> FloatArray:
-        """Columns (m, r), r <= 12 + 6 s: what these rows tell of the frames beyond what is known from the start.
 
-        A direction of which they tell less than :data:`FRAME_STD` moves no prediction by as much as its noise: left
-        free, as tracker and target about an axis that all rows share, it would explain what second orders of an effect
-        alone make.
-        """
-        axes, told, _ = np.linalg.svd(self.frame_columns, full_matrices=False)
-        return np.asarray((axes * told)[:, told > 1.0 / FRAME_STD])
+def told_directions(columns: FloatArray) -> FloatArray:
+    """Return the directions (k, r) of unknowns that rows tell beyond what is known from the start, by columns (m, k).
+
+    One of which they tell less than :data:`FRAME_STD` moves no prediction by as much as its noise: left free, as
+    tracker and target about an axis that all rows share, it would explain what second orders of an effect alone make.
+    """
+    _, told, directions = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(directions[told > 1.0 / FRAME_STD].T)
 
 
 class CampaignRows:
@@ -147,7 +146,31 @@ class CampaignRows:
         """Return the same rows with another noise; they share all else."""
         other = copy.copy(self)
         other.noise, other.measured = noise, MeasuredPoses.from_campaign(self.campaign, noise)
+        vars(other).pop("told", None)
         return other
+
+    @functools.cached_property
+    def told(self) -> FloatArray:
+        """Directions of the frames that are free, (12 + 6 s, r); see :func:`told_directions`.
+
+        The model as given decides that, not what is found: where the base turns with time, the target's place moves
+        what is seen with time as well, and left free it would go metres astray to make what the effect makes.
+        """
+        return told_directions(self.linearise(self.unchanged(), self.frames, ()).frame_columns)
+
+    def free(self, linear: LinearRows) -> FloatArray:
+        """Return the columns of the frames that are free unknowns, (m, r)."""
+        return linear.frame_columns @ self.told
+
+    def frame_step(self, linear: LinearRows, left: FloatArray) -> FloatArray:
+        """Return the least-squares step of the frames for what is left of some rows (m,), (12 + 6 s,), in m and rad.
+
+        That they are found to :data:`FRAME_STD` from the start picks one answer, as in calibration.
+        """
+        columns = self.free(linear)
+        prior = np.eye(columns.shape[1]) / FRAME_STD
+        padded = np.concatenate([left, np.zeros(len(prior))])
+        return np.asarray(self.told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
 
     def _by_the_drawing(self, modelled: ModelledRows) -> NominalRows:
         """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
@@ -204,20 +227,20 @@ class CampaignRows:
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
-            step = least_squares(linear.frame_columns, linear.residual)
+            step = self.frame_step(linear, linear.residual)
             frames = frames.moved(step)
             if not step.any():  # closures tell nothing of them
                 break
         return frames
 
-    def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
-        """Close the loops with changes put in, and differentiate."""
+    def linearise(
+        self, changes: RowChanges, frames: SeenFrom, parameters: Sequence[LocalParameter] | None = None
+    ) -> LinearRows:
+        """Close the loops with changes put in, and differentiate, by all local parameters if not by some."""
         total, model = self._given + changes, self.measurement
         total = replace(total, base=total.base + base_displacements(frames.sessions, self._session))
-        seen = self._seen(total, frames)
-        equations = whiten(
-            self.measured, model.differentiated(seen, frames, model.parameters, total.placements, total.base)
-        )
+        seen, by = self._seen(total, frames), model.parameters if parameters is None else parameters
+        equations = whiten(self.measured, model.differentiated(seen, frames, by, total.placements, total.base))
         if equations.failed.size or equations.jacobian is None:
             raise DiagnosisError(
                 f"{equations.failed.size} rows do not close with the changes found",
@@ -279,14 +302,3 @@ class Signatures:
         """Return those of some equations, (some, k)."""
         linear = self.linear.some(some)
         return np.column_stack([self.rows.column(p, linear) for p in self.parameters])
-
-
-def least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the least-squares step of the frames, in m and rad.
-
-    Moving tracker and target along the tilt axis against each other shows nearly nothing. That the frames are found to
-    :data:`FRAME_STD` from the start picks one answer, as in calibration.
-    """
-    prior = np.eye(columns.shape[1]) / FRAME_STD
-    stacked = np.vstack([columns, prior])
-    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([values, np.zeros(len(prior))]), rcond=None)[0])

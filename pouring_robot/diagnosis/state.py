@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
@@ -93,7 +93,9 @@ class Diagnoser:
         linear = state.every_row if of_every_row else state.linear
         residual = linear.residual + self._signature(state.parameters, state.values, linear)
         workmanship = workmanship_of(self.rows, linear, self.library)
-        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
+        return Problem.build(
+            residual, self.rows.free(linear), workmanship, known_effects(self.rows, linear, self.library)
+        )
 
     def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
@@ -148,7 +150,7 @@ class Diagnoser:
         for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
-        step = least_squares(linear.frame_columns, left)
+        step = self.rows.frame_step(linear, left)
         for halved in range(_HALVINGS):
             share = 0.5**halved
             values = from_here + share * (wanted - from_here)

@@ -24,6 +24,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
@@ -204,6 +205,15 @@ def most_evidence(
     inner.flat[:: len(columns) + 1] += 1.0
     pulled = weights * projected
     return 0.5 * float(pulled @ scipy.linalg.lapack.dposv(inner, pulled, lower=1)[1])
+
+
+def most_within(columns: FloatArray, projected: FloatArray, limits: FloatArray) -> float:
+    """Return :func:`most_evidence` of coefficients that stay within limits (k, 2)."""
+    inner = columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
+    factor = np.linalg.cholesky(inner).T
+    pulled = scipy.linalg.solve_triangular(factor, projected, trans="T")
+    left = scipy.optimize.lsq_linear(factor, pulled, limits.T).cost
+    return 0.5 * float(pulled @ pulled) - float(left)
 
 
 def evidences(

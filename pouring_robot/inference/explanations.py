@@ -80,6 +80,7 @@ class Explanation:
     cause: bool = True
     # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""
+    bounds: FloatArray | None = None  # least and largest coefficient that nature allows, (k, 2); None: any is possible
 
     @functools.cached_property
     def key(self) -> tuple[str, str]:

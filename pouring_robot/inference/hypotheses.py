@@ -19,6 +19,7 @@ from pouring_robot.inference.evidence import (
     Scale,
     bayes_factor,
     most_evidence,
+    most_within,
 )
 from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
@@ -309,19 +310,27 @@ class Hypothesis:
         places, values = self._together(indices)
         return float(values @ self.problem.gram.columns[np.ix_(places, places)] @ values)
 
-    def explained_by(self, item: Explanation, indices: Iterable[int]) -> float:
+    def explained_by(self, item: Explanation, indices: Iterable[int], limits: FloatArray | None = None) -> float:
         """Return how much of :meth:`size` of some items the main parameters of an explanation could make.
 
-        At the widest scale: what the free unknowns all but take up would need sizes that no machine has.
+        At the widest scale: what the free unknowns all but take up would need sizes that no machine has. ``limits``
+        (k, 2), if given, are the least and largest of their coefficients.
         """
         places, values = self._together(indices)
         main, columns = self.problem.places(item)[item.main], self.problem.gram.columns
-        return 2.0 * most_evidence(columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values)
+        inner, projected = columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values
+        return 2.0 * (most_evidence(inner, projected) if limits is None else most_within(inner, projected, limits))
 
-    def main_share(self, index: int) -> float:
-        """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares."""
+    def main_share(self, index: int, *, bounded: bool = True) -> float:
+        """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares.
+
+        If ``bounded`` within what nature allows: rods that would have to shrink when they are warm make nothing.
+        """
         item, total = self.items[index], self.size(index)
-        return 1.0 if item.main.all() or not total > 0.0 else self.explained_by(item, (index,)) / total
+        limits = item.bounds[item.main] if bounded and item.bounds is not None else None
+        if not total > 0.0 or (item.main.all() and limits is None):
+            return 1.0
+        return self.explained_by(item, (index,), limits) / total
 
     def effective_dof(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""

@@ -119,6 +119,20 @@ def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAUL
     return hypothesis.main_share(index) >= options.least_main_share
 
 
+def impossible(hypothesis: Hypothesis) -> tuple[str, ...]:
+    """Return the effects that are refused because they would have to be where nature does not allow them."""
+    found = []
+    for item in hypothesis.problem.explanations:
+        if item.key in hypothesis.barred and item.bounds is not None and item.effect not in hypothesis.effects:
+            other, last = (
+                hypothesis.with_item(item, hypothesis.candidate_bayes_factor(item).scale),
+                len(hypothesis.items),
+            )
+            if not credible(other, last) and other.main_share(last, bounded=False) >= DEFAULT_SEARCH.least_main_share:
+                found.append(item.effect)
+    return tuple(dict.fromkeys(found))
+
+
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
     """Yield the hypotheses of one more effect that look best at first sight.
 

@@ -24,7 +24,7 @@ def turned(residual, free):
     state = SimpleNamespace(every_row=linear)
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
-        problem_at=lambda *_, **__: Problem.build(residual, linear.free, [], [item]),
+        problem_at=lambda *_, **__: Problem.build(residual, linear.frame_columns, [], [item]),
         thresholds=DEFAULT_SEARCH,
         rows=Rows(),
     )

@@ -10,6 +10,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
+from pouring_robot.inference.search import impossible
 from pouring_robot.mechanism.arrays import FloatArray
 
 _FEW_ROWS = 30
@@ -59,6 +60,12 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
     lines += _minor_lines(diagnosis)
+    refused = impossible(diagnosis.hypothesis)
+    if refused:
+        lines.append(
+            f"{', '.join(refused)} would explain something, but only with values that nature does not allow: check the "
+            "signs of what drives it (directions of gravity and of drives, temperatures, loads)"
+        )
     stays = diagnosis.rows.not_told_by_commands(diagnosis.amended)
     ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not given.time_known]
     if ordered:

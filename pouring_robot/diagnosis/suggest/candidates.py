@@ -177,7 +177,7 @@ class Prospect:
         self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
-        self._nuisance = Nuisance.of(self._linear.free)
+        self._nuisance = Nuisance.of(rows.free(self._linear))
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
