@@ -5,11 +5,12 @@ Of one measured component of n rows, let r be what the nominal robot and the two
     r ~ N(0, σ² (f² I + t² Z Zᵀ)),  frames free,
 
 where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
-base and drives with every condition and side of approach, and drives under what weight puts on them, 1 mm and 1 mrad
-each over σ. What it leaves over is f σ, the noise; f and t are found by maximum likelihood, and f = 1 is judged by the
-likelihood ratio.
+base and drives with every condition, side of approach and what is linear or quadratic in the position, and drives under
+what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are found by
+maximum likelihood, and f = 1 is judged by the likelihood ratio.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -75,9 +76,9 @@ def check_noise(
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
-            f"the stated noise is too small: all {len(scatters)} measured components scatter by {least.factor:.2g} "
-            "times as much or more, which no smooth cause explains; of a position that is "
-            f"{least.factor * stated:.2g} mm, not {stated:.2g}"
+            f"the stated noise is too small, or what each move does differs: all {len(scatters)} measured components "
+            f"scatter by {least.factor:.2g} times as much or more, which no smooth cause explains; of a position that "
+            f"is {least.factor * stated:.2g} mm, not {stated:.2g}"
         )
         yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
 
@@ -94,7 +95,8 @@ def _scatters(
     drives = moved[:, :, : len(campaign.robot.drives)]
     yielding = drives * units[: drives.shape[2]]
     by_condition = np.concatenate([frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), yielding], axis=2)
-    smooth = [moved * units, *(by_condition * values[:, None, None] for values in _conditions(campaign, rows))]
+    varying = (*_conditions(campaign, rows), *_bends(data.poses.position_m[rows]))
+    smooth = [moved * units, *(by_condition * values[:, None, None] for values in varying)]
     if campaign.approach is not None:
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
     if weighed:
@@ -156,6 +158,14 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: R
     for force in forces:
         # Where weight puts nothing, round-off must not be made large: it would pass for noise.
         yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)
+
+
+def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
+    """Yield what is linear and quadratic in positions (n, 3), (n,) each: such as guides that bow."""
+    spread = np.maximum(np.ptp(position_m, axis=0), 1e-300)
+    x = 2.0 * (position_m - position_m.mean(axis=0)) / spread
+    yield from x.T
+    yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(3), 2))
 
 
 def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:

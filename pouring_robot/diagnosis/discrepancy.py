@@ -37,10 +37,10 @@ class Discrepancy:
     def sentence(self) -> str:
         """It in words."""
         scale, unit = self._in_unit
-        said = self.structure.process
+        said, axis = self.structure.process, "the tracker's " if self.component[-1] in "xyz" else ""
         text = (
-            f"{described(said.where, said.by)}: {self.structure.size:.1f} times the noise, mostly in {self.component} "
-            f"({self.rms / scale:.3f} {unit} rms)"
+            f"{described(said.where, said.by)}: {self.structure.size:.1f} times the noise, mostly in {axis}"
+            f"{self.component} ({self.rms / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
             text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"

@@ -86,6 +86,17 @@ def test_outliers_are_found_and_no_sound_row(machine, full):
     assert outlier_rows(flags).tolist() == [3, 50, 77]
 
 
+def test_what_bends_with_the_place_is_no_noise(machine):
+    """Guides that bow, skew to the tracker: a product of two coordinates that shows in all components."""
+    position = np.array(machine.campaign.position_m)
+    x = (position - position.mean(axis=0)) / position.std(axis=0)
+    position += 12.0 * SIGMA * (x[:, :1] * x[:, 1:2])
+    found = codes(
+        check_campaign(damaged(machine.campaign, position_m=position, rotation_vector_rad=None), machine.drawing)
+    )
+    assert "noise_too_small" not in found
+
+
 DAMAGES = {
     "position_unit": lambda c: damaged(c, position_m=c.position_m * 1000.0),
     "frames_swapped": inverse,

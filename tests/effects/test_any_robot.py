@@ -52,6 +52,18 @@ def rows(request, tmp_path_factory):
     return again
 
 
+def test_slides_grow_with_the_links_or_are_measured_by_what_does_not(rows):
+    """Whether a screw or a scale of glass measures a travel no file says: both are forms, and what lies between."""
+    effect, robot = all_effects(rows.conditions.robot)["link_thermal_expansion"], rows.conditions.robot
+    forms = {form.name: form for form in checked_forms(effect, rows.conditions, rows.channels)}
+    sliding = {f"drive.{drive.joint}" for drive in robot.drives if drive.unit == "m"}
+    whole, alone = forms["by_ambient"].parameters, forms.get("by_ambient_frame_alone")
+    assert (alone is not None) == bool(sliding) == any(p.name == "drives_share" for p in whole)
+    if alone is not None:
+        assert set(whole[0].changes) - set(alone.parameters[0].changes) == sliding
+        assert set(alone.parameters[-1].changes) == sliding
+
+
 def test_ids_say_what_it_is_and_of_several_groups_which(rows):
     robot = rows.conditions.robot
     found = tuple(all_effects(robot))

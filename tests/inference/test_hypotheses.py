@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
+from pouring_robot.inference.search import impossible, search
 from tests.inference.problems import explanation, library, log_density, planted, problem
 
 TWO_PI = np.log(2.0 * np.pi)
@@ -146,6 +147,21 @@ def test_main_share_tells_an_effect_from_its_shape(rng):
         shares.append(Hypothesis(problem(residual, [item]), (item,), (Scale(1.0),), ()).main_share(0))
     assert shares[0] > 0.95
     assert shares[1] < 0.05
+
+
+@pytest.mark.parametrize(("truth", "share"), [([3.0, 2.0], 1.0), ([-3.0, 2.0], 0.3), ([-3.0, -2.0], 0.0)])
+def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
+    """Two coefficients that cannot be negative: what a wrong sign makes is not made by the effect."""
+    columns, _ = np.linalg.qr(rng.normal(size=(60, 2)))
+    columns *= 20.0
+    bounds = np.array([[0.0, np.inf], [0.0, np.inf]])
+    item = Explanation("a", "pair", columns, np.ones(2, dtype=bool), bounds=bounds)
+    residual = columns @ np.array(truth)
+    found = Hypothesis(problem(residual, [item]), (item,), (Scale(3.0),), ())
+    assert found.main_share(0) == pytest.approx(share, abs=0.02)
+    assert found.main_share(0, bounded=False) == pytest.approx(1.0, abs=0.01)
+    alone = search(problem(residual, [item]))
+    assert (alone.effects, impossible(alone)) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
 
 
 def test_settling_finds_the_best_scales_and_levels(rng):

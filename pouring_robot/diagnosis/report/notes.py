@@ -7,6 +7,7 @@ import numpy as np
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
@@ -80,7 +81,8 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "of model.yaml under what --condition or columns beside their poses say"
         )
     told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
-    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor"):
+    by = {item.process.by for item in diagnosis.judgement.remainder}
+    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
         told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code is FlagCode.MEASUREMENT_JUMP]

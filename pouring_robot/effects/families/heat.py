@@ -176,13 +176,16 @@ class LinksGrowth(Family):
         """All with one thermometer, or each link with its own, which may have a share of its own; it may lag."""
         links = {name for name, _ in standing(conditions.robot).values()}
         own = [name for name in conditions.rises if name in links]
-        forms = [self._form(f"by_{name}", conditions, {}, name) for name in conditions.rises]
+        ways = {f"by_{name}": (dict[str, str](), name) for name in conditions.rises}
         if own:
-            forms.append(self._form("own_temperature", conditions, {name: name for name in own}, "ambient"))
-        return tuple(forms)
+            ways["own_temperature"] = ({name: name for name in own}, "ambient")
+        return tuple(itertools.chain.from_iterable(self._forms(name, conditions, *way) for name, way in ways.items()))
 
-    def _form(self, name: str, conditions: Conditions, own: Mapping[str, str], other: str) -> Form:
-        """Return the form that links follow their own thermometers, and all others another one, if it is there."""
+    def _forms(self, name: str, conditions: Conditions, own: Mapping[str, str], other: str) -> Iterator[Form]:
+        """Yield the forms that links follow their own thermometers, and all others another one, if it is there.
+
+        What measures a slide's travel, a screw or a scale of glass, grows like the frame, or not at all.
+        """
         prior_std, places = _PRIOR_STD_PPM, conditions.causes.placements.places
         carried = grown_places(conditions.robot, places) + chain_ends(conditions.robot, places)
         carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
@@ -198,15 +201,24 @@ class LinksGrowth(Family):
                 if by in rises:
                     for site, change in _grown({joint: place}, rises[by]).items():
                         grown[site] = grown.get(site, 0.0) + change
+            return grown | (slides(rises) if screws else {})
+
+        def slides(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+            found = {}
             for k, drive in enumerate(conditions.robot.drives):
                 thermometer = conditions.causes.drive_thermometers.get(drive.joint, "") if own else other
                 rise = rises.get(thermometer if thermometer in followed else other)
                 if drive.unit == "m" and rise is not None:
-                    grown[channel(drive)] = _PPM * conditions.drives[:, k] * rise
-            return grown
+                    found[channel(drive)] = _PPM * conditions.drives[:, k] * rise
+            return found
 
-        shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(followed, lag_s)) for lag_s in _LAGS_S]
-        if len(followed) > 1:
-            shapes += [(f"{thermometer}_share", 0.3, changes((thermometer,))) for thermometer in followed]
-        main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-        return Form(name, (main, *(EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes)))
+        scales = slides({thermometer: conditions.rises[thermometer] for thermometer in followed})
+        for screws in (True, False) if scales else (True,):
+            shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(followed, lag_s)) for lag_s in _LAGS_S]
+            if len(followed) > 1:
+                shapes += [(f"{thermometer}_share", 0.3, changes((thermometer,))) for thermometer in followed]
+            if scales:
+                shapes.append(("drives_share", 0.3, scales))
+            main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
+            shaped = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes)
+            yield Form(name if screws else f"{name}_frame_alone", (main, *shaped))
