@@ -115,6 +115,18 @@ def told_directions(columns: FloatArray) -> FloatArray:
     return np.asarray(directions[told > 1.0 / FRAME_STD].T)
 
 
+def frame_step(linear: LinearRows, left: FloatArray, told: FloatArray) -> FloatArray:
+    """Return the least-squares step of the frames for what is left of some rows (m,), (12 + 6 s,), in m and rad.
+
+    It goes along the directions (12 + 6 s, r) that are told. That they are found to :data:`FRAME_STD` from the start
+    picks one answer, as in calibration.
+    """
+    columns = linear.frame_columns @ told
+    prior = np.eye(columns.shape[1]) / FRAME_STD
+    padded = np.concatenate([left, np.zeros(len(prior))])
+    return np.asarray(told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
+
+
 class CampaignRows:
     """The rows of a campaign, all usable and sound, against one robot: its errors count, effects come on top.
 
@@ -146,31 +158,17 @@ class CampaignRows:
         """Return the same rows with another noise; they share all else."""
         other = copy.copy(self)
         other.noise, other.measured = noise, MeasuredPoses.from_campaign(self.campaign, noise)
-        vars(other).pop("told", None)
         return other
 
-    @functools.cached_property
-    def told(self) -> FloatArray:
-        """Directions of the frames that are free, (12 + 6 s, r); see :func:`told_directions`.
+    def told(self, changes: RowChanges, frames: SeenFrom) -> FloatArray:
+        """Return the directions of the frames that are free beside some changes, (12 + 6 s, r).
 
-        The model as given decides that, not what is found: where the base turns with time, the target's place moves
-        what is seen with time as well, and left free it would go metres astray to make what the effect makes.
+        See :func:`told_directions`. That the base moves from row to row does not count: where it turns with time the
+        target's place moves what is seen with time as well, and left free it would go metres astray to make what the
+        effect makes.
         """
-        return told_directions(self.linearise(self.unchanged(), self.frames, ()).frame_columns)
-
-    def free(self, linear: LinearRows) -> FloatArray:
-        """Return the columns of the frames that are free unknowns, (m, r)."""
-        return linear.frame_columns @ self.told
-
-    def frame_step(self, linear: LinearRows, left: FloatArray) -> FloatArray:
-        """Return the least-squares step of the frames for what is left of some rows (m,), (12 + 6 s,), in m and rad.
-
-        That they are found to :data:`FRAME_STD` from the start picks one answer, as in calibration.
-        """
-        columns = self.free(linear)
-        prior = np.eye(columns.shape[1]) / FRAME_STD
-        padded = np.concatenate([left, np.zeros(len(prior))])
-        return np.asarray(self.told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
+        still = replace(changes, base=np.zeros_like(changes.base))
+        return told_directions(self.linearise(still, frames, ()).frame_columns)
 
     def _by_the_drawing(self, modelled: ModelledRows) -> NominalRows:
         """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
@@ -227,7 +225,7 @@ class CampaignRows:
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
-            step = self.frame_step(linear, linear.residual)
+            step = frame_step(linear, linear.residual, self.told(self.unchanged(), frames))
             frames = frames.moved(step)
             if not step.any():  # closures tell nothing of them
                 break
