@@ -43,9 +43,12 @@ def own_force(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArray],
     model, drives = mechanism.shared_model, drive_parameters(mechanism)
     data, neutral, solver = model.createData(), mechanism.neutral_configuration(), ClosureSolver(mechanism)
     found = np.empty((rows, len(drives)))
+    # Without loops a drive moves its own joint and no other.
+    moved = np.eye(model.nv)[:, [model.joints[model.getJointId(name)].idx_v for name in mechanism.loops.drives]]
     for row in range(rows):
         at = mechanism.with_joint_values(neutral, {name: float(course[row]) for name, course in values.items()})
-        closed = solver.solve_from(at)
-        moved = closed_chain_transfer(solver, closed, drives).joints
-        found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, closed.configuration)
+        if mechanism.anchors:
+            closed = solver.solve_from(at)
+            at, moved = closed.configuration, closed_chain_transfer(solver, closed, drives).joints
+        found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, at)
     return found
