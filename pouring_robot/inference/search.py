@@ -87,9 +87,12 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
         if not wrong:
             break
-        bent = frozenset({current.items[min(wrong, key=current.main_share)].key})
+        worst = min(wrong, key=current.main_share)
+        item, refused = current.items[worst], {current.items[worst].key}
+        if current.main_share(worst, bounded=False) >= options.least_main_share:  # what is impossible is so in any form
+            refused = {other.key for other in problem.explanations if other.effect == item.effect}
         rest = current.without_items(wrong)
-        current = _ascended(replace(rest, barred=rest.barred | bent), options)
+        current = _ascended(replace(rest, barred=rest.barred | refused), options)
     return current
 
 
