@@ -21,7 +21,7 @@ from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
-from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
@@ -240,7 +240,7 @@ class _Work:
         rows, known = diagnoser.rows, not found.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
-        misfit = _misfit(found.noise, rows, before)
+        misfit = _misfit(found.noise, rows, before.linear)
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
@@ -307,7 +307,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) 
         linear.row,
         linear.component,
         linear.tracker,
-        Nuisance.of(linear.frame_columns @ before.told),
+        Nuisance.of(linear.free),
         before.frames.T_tracker_base.rotation,
         rows.drive_columns(linear),
         noise_known=not noise.from_residuals,
@@ -315,10 +315,9 @@ def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) 
     )
 
 
-def _misfit(noise: NoiseLevel, rows: CampaignRows, before: LinearState) -> str:
+def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
     """Return what of a noise that comes from what is left over is too large for one, in words; "" where nothing is."""
-    robot, parameters, linear = rows.model.definition, rows.measurement.parameters, before.linear
-    frames = Nuisance.of(linear.frame_columns @ before.told)
+    robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
     sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}

@@ -95,14 +95,44 @@ class LinearRows(WhitenedRows):
 
     # derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P)
     jacobian: FloatArray
+    # likewise by the frames, were the base not moved from row to row by what was found, (m, 12)
+    still: FloatArray
     scale: FloatArray  # derivative of the prediction by the device's scale, (m,)
     own: NDArray[np.bool_]  # whether an equation is of a session with frames of its own, (m, s)
 
     @property
     def frame_columns(self) -> FloatArray:
         """Columns of the frames, then of the base as sessions see it, (m, 12 + 6 s), in units of 1/m and 1/rad."""
-        base = (self.jacobian[:, :6] * own[:, None] for own in self.own.T)
-        return np.hstack([self.jacobian[:, :FRAMES], *base])
+        return self._with_sessions(self.jacobian[:, :FRAMES])
+
+    def _with_sessions(self, frames: FloatArray) -> FloatArray:
+        """Return columns of the frames (m, 12) and those of the base in each session of its own, (m, 12 + 6 s)."""
+        return np.hstack([frames, *(frames[:, :6] * own[:, None] for own in self.own.T)])
+
+    @functools.cached_property
+    def told(self) -> FloatArray:
+        """Directions of the frames that are free, (12 + 6 s, r); see :func:`told_directions`.
+
+        That the base moves from row to row does not count: where it turns with time the target's place moves what is
+        seen with time as well, and left free it would go metres astray to make what the effect makes.
+        """
+        return told_directions(self._with_sessions(self.still))
+
+    @property
+    def free(self) -> FloatArray:
+        """Columns of the frames along the directions that are free, (m, r)."""
+        return self.frame_columns @ self.told
+
+    def frame_step(self, left: FloatArray) -> FloatArray:
+        """Return the least-squares step of the frames for what is left of the rows (m,), (12 + 6 s,), in m and rad.
+
+        It goes along the directions that are free. That they are found to :data:`FRAME_STD` from the start picks one
+        answer, as in calibration.
+        """
+        columns = self.free
+        prior = np.eye(columns.shape[1]) / FRAME_STD
+        padded = np.concatenate([left, np.zeros(len(prior))])
+        return np.asarray(self.told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
 
 
 def told_directions(columns: FloatArray) -> FloatArray:
@@ -113,18 +143,6 @@ def told_directions(columns: FloatArray) -> FloatArray:
     """
     _, told, directions = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(directions[told > 1.0 / FRAME_STD].T)
-
-
-def frame_step(linear: LinearRows, left: FloatArray, told: FloatArray) -> FloatArray:
-    """Return the least-squares step of the frames for what is left of some rows (m,), (12 + 6 s,), in m and rad.
-
-    It goes along the directions (12 + 6 s, r) that are told. That they are found to :data:`FRAME_STD` from the start
-    picks one answer, as in calibration.
-    """
-    columns = linear.frame_columns @ told
-    prior = np.eye(columns.shape[1]) / FRAME_STD
-    padded = np.concatenate([left, np.zeros(len(prior))])
-    return np.asarray(told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
 
 
 class CampaignRows:
@@ -159,16 +177,6 @@ class CampaignRows:
         other = copy.copy(self)
         other.noise, other.measured = noise, MeasuredPoses.from_campaign(self.campaign, noise)
         return other
-
-    def told(self, changes: RowChanges, frames: SeenFrom) -> FloatArray:
-        """Return the directions of the frames that are free beside some changes, (12 + 6 s, r).
-
-        See :func:`told_directions`. That the base moves from row to row does not count: where it turns with time the
-        target's place moves what is seen with time as well, and left free it would go metres astray to make what the
-        effect makes.
-        """
-        still = replace(changes, base=np.zeros_like(changes.base))
-        return told_directions(self.linearise(still, frames, ()).frame_columns)
 
     def _by_the_drawing(self, modelled: ModelledRows) -> NominalRows:
         """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
@@ -225,20 +233,19 @@ class CampaignRows:
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
-            step = frame_step(linear, linear.residual, self.told(self.unchanged(), frames))
+            step = linear.frame_step(linear.residual)
             frames = frames.moved(step)
             if not step.any():  # closures tell nothing of them
                 break
         return frames
 
-    def linearise(
-        self, changes: RowChanges, frames: SeenFrom, parameters: Sequence[LocalParameter] | None = None
-    ) -> LinearRows:
-        """Close the loops with changes put in, and differentiate, by all local parameters if not by some."""
-        total, model = self._given + changes, self.measurement
-        total = replace(total, base=total.base + base_displacements(frames.sessions, self._session))
-        seen, by = self._seen(total, frames), model.parameters if parameters is None else parameters
-        equations = whiten(self.measured, model.differentiated(seen, frames, by, total.placements, total.base))
+    def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
+        """Close the loops with changes put in, and differentiate."""
+        given, model = self._given, self.measurement
+        given = replace(given, base=given.base + base_displacements(frames.sessions, self._session))
+        total = given + changes
+        seen = model.differentiated(self._seen(total, frames), frames, model.parameters, total.placements, total.base)
+        equations = whiten(self.measured, seen)
         if equations.failed.size or equations.jacobian is None:
             raise DiagnosisError(
                 f"{equations.failed.size} rows do not close with the changes found",
@@ -249,8 +256,13 @@ class CampaignRows:
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
         own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
+        gap = seen.disagreement if seen.disagreement is None else seen.disagreement[..., :FRAMES]
+        at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, given.base), disagreement=gap)
+        still = whiten(self.measured, at_rest).derivatives
         prediction = np.negative(equations.jacobian, out=equations.jacobian)
-        return LinearRows(equations.residual, equations.rows, equations.components, sigma, prediction, scale, own)
+        return LinearRows(
+            equations.residual, equations.rows, equations.components, sigma, prediction, -still, scale, own
+        )
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""

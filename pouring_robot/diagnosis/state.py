@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, frame_step
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
@@ -30,7 +30,6 @@ class State:
     parameters: tuple[EffectParameter, ...]  # what is changed: effects' and workmanship's parameters
     values: FloatArray  # one a parameter, in its unit
     frames: SeenFrom  # the two frames
-    told: FloatArray  # directions of them that are free, (12 + 6 s, r)
     every_row: WhitenedRows  # residuals there
     fitted: NDArray[np.bool_]  # which rows are fitted, (n,)
 
@@ -54,7 +53,7 @@ class LinearState(State):
     @property
     def alone(self) -> State:
         """It without derivatives."""
-        return State(self.parameters, self.values, self.frames, self.told, self.every_row.alone, self.fitted)
+        return State(self.parameters, self.values, self.frames, self.every_row.alone, self.fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +82,8 @@ class Diagnoser:
         return replace(self.options, by_chance=by_chance(Hypothesis.nothing(problem), self.options.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
-        changes = self.rows.changes(parameters, values)
-        every_row, told = self.rows.linearise(changes, frames), self.rows.told(changes, frames)
-        return LinearState(parameters, values, frames, told, every_row, self.fitted)
+        every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
+        return LinearState(parameters, values, frames, every_row, self.fitted)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
         """Return the search's problem linearised at a state for the fitted rows, or with those held out among them.
@@ -95,9 +93,7 @@ class Diagnoser:
         linear = state.every_row if of_every_row else state.linear
         residual = linear.residual + self._signature(state.parameters, state.values, linear)
         workmanship = workmanship_of(self.rows, linear, self.library)
-        return Problem.build(
-            residual, linear.frame_columns @ state.told, workmanship, known_effects(self.rows, linear, self.library)
-        )
+        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
 
     def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
@@ -152,7 +148,7 @@ class Diagnoser:
         for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
-        step = frame_step(linear, left, state.told)
+        step = linear.frame_step(left)
         for halved in range(_HALVINGS):
             share = 0.5**halved
             values = from_here + share * (wanted - from_here)

@@ -192,7 +192,7 @@ class Search:
                 change[:, k] = (jacobian * self.prior_std - self.scaled).T @ pull / nudge
         block = axes.T @ change
         curvature, turn = np.linalg.eigh(np.diag(firmness) + 0.5 * (block + block.T))
-        curvature = np.maximum(np.abs(curvature), _LEAST_CURVATURE)  # a saddle is left along it, not sought
+        curvature = np.maximum(np.abs(curvature), _LEAST_CURVATURE)  # a covariance needs them all positive
         principal = axes @ turn
         firm = self.triangle - (self.triangle @ axes) @ axes.T
         return _triangle(firm, (principal * np.sqrt(curvature)).T)

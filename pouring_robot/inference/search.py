@@ -88,9 +88,9 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
-        item, refused = current.items[worst], {current.items[worst].key}
-        if current.main_share(worst, bounded=False) >= options.least_main_share:  # what is impossible is so in any form
-            refused = {other.key for other in problem.explanations if other.effect == item.effect}
+        refused = {current.items[worst].key}
+        if impossible(current, worst, options):  # in any form
+            refused = {item.key for item in problem.explanations if item.effect == current.items[worst].effect}
         rest = current.without_items(wrong)
         current = _ascended(replace(rest, barred=rest.barred | refused), options)
     return current
@@ -122,16 +122,19 @@ def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAUL
     return hypothesis.main_share(index) >= options.least_main_share
 
 
-def impossible(hypothesis: Hypothesis) -> tuple[str, ...]:
+def impossible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+    """Return whether only what nature allows keeps an item from being the effect it is called."""
+    share = hypothesis.main_share(index, bounded=False)
+    return share >= options.least_main_share and not credible(hypothesis, index, options)
+
+
+def impossible_effects(hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return the effects that are refused because they would have to be where nature does not allow them."""
     found = []
     for item in hypothesis.problem.explanations:
         if item.key in hypothesis.barred and item.bounds is not None and item.effect not in hypothesis.effects:
-            other, last = (
-                hypothesis.with_item(item, hypothesis.candidate_bayes_factor(item).scale),
-                len(hypothesis.items),
-            )
-            if not credible(other, last) and other.main_share(last, bounded=False) >= DEFAULT_SEARCH.least_main_share:
+            other = hypothesis.with_item(item, hypothesis.candidate_bayes_factor(item).scale)
+            if impossible(other, len(hypothesis.items)):
                 found.append(item.effect)
     return tuple(dict.fromkeys(found))
 

@@ -20,11 +20,11 @@ def turned(residual, free):
     rows, no = np.arange(ROWS), np.zeros(ROWS)
     jacobian = np.zeros((ROWS, 12))
     jacobian[:, : free.shape[1]] = free / SIGMA
-    linear = LinearRows(residual, rows, 0 * rows, no + SIGMA, jacobian, no, np.zeros((ROWS, 0), dtype=bool))
+    linear = LinearRows(residual, rows, 0 * rows, no + SIGMA, jacobian, jacobian, no, np.zeros((ROWS, 0), dtype=bool))
     state = SimpleNamespace(every_row=linear)
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
-        problem_at=lambda *_, **__: Problem.build(residual, linear.frame_columns, [], [item]),
+        problem_at=lambda *_, **__: Problem.build(residual, linear.free, [], [item]),
         thresholds=DEFAULT_SEARCH,
         rows=Rows(),
     )

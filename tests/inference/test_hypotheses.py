@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
-from pouring_robot.inference.search import impossible, search
+from pouring_robot.inference.search import impossible_effects, search
 from tests.inference.problems import explanation, library, log_density, planted, problem
 
 TWO_PI = np.log(2.0 * np.pi)
@@ -161,7 +161,7 @@ def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
     assert found.main_share(0) == pytest.approx(share, abs=0.02)
     assert found.main_share(0, bounded=False) == pytest.approx(1.0, abs=0.01)
     alone = search(problem(residual, [item]))
-    assert (alone.effects, impossible(alone)) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
+    assert (alone.effects, impossible_effects(alone)) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
 
 
 def test_settling_finds_the_best_scales_and_levels(rng):

@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
-from pouring_robot.inference.search import impossible
+from pouring_robot.inference.search import impossible_effects
 from pouring_robot.mechanism.arrays import FloatArray
 
 _FEW_ROWS = 30
@@ -61,7 +61,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
     lines += _minor_lines(diagnosis)
-    refused = impossible(diagnosis.hypothesis)
+    refused = impossible_effects(diagnosis.hypothesis)
     if refused:
         lines.append(
             f"{', '.join(refused)} would explain something, but only with values that nature does not allow: check the "

@@ -171,14 +171,13 @@ class Prospect:
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
         changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))
         self._rows, self._linear = rows, rows.linearise(changes, self._after.frames)
-        told = rows.told(changes, self._after.frames)
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
         self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
-        self._nuisance = Nuisance.of(self._linear.frame_columns @ told)
+        self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
