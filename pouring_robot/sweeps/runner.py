@@ -183,7 +183,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                     processes=True,
                     dashboard_address="127.0.0.1:0",  # a server of Dask's own all the same: any free port, this machine
                     scheduler_kwargs={"dashboard": False},
-                    silence_logs=logging.ERROR,
+                    silence_logs=logging.CRITICAL,  # what workers fail at is said by `_result`
                     preload=_DEAF,
                 )
             )
