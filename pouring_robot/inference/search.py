@@ -58,9 +58,12 @@ def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float
     products through C for covariance, so that no residual has to be drawn.
     """
     problem, inner = null.problem, null.everything.gram.columns
-    squared, axes = eigen(inner)
-    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose.
-    spread = (axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T
+    lengths = np.sqrt(np.diag(inner))
+    lengths[lengths == 0.0] = 1.0
+    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose; of
+    # columns of one length, as the root of the longest's rounding may be more than the shortest.
+    squared, axes = eigen(inner / np.outer(lengths, lengths))
+    spread = lengths[:, None] * ((axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T)
     projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
     largest = np.zeros(draws)
     for item in problem.explanations:
@@ -82,9 +85,9 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
     (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
     """
-    current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
+    current = _divided(_ascended(start.settled() if start else Hypothesis.nothing(problem), options), options)
     for _ in range(_MOST_REFUSED):
-        wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
+        wrong = _incredible(current, options)
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
@@ -111,6 +114,28 @@ def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
     return backward(current, options)
 
 
+def _divided(current: Hypothesis, options: SearchOptions) -> Hypothesis:
+    """Return the hypothesis with single parameters of an effect in the place of many, where that is better.
+
+    Steps of one explanation do not come from all lengths of an arm, beside a scale of everything, to the two that are
+    wrong.
+    """
+    for effect in current.effects:
+        rest = current.without_items(current.of_effect(effect))
+        while len(rest.items) < options.most_effects:
+            single = (item for item in rest.choices if item.effect == effect and item.columns.shape[1] == 1)
+            worth, item = next(rest.ranked(single), (None, None))
+            if worth is None or item is None or worth.evidence < options.least_evidence:
+                break
+            rest = rest.with_item(item, worth.scale)
+        # As far behind it does not catch up when its neighbours are reconsidered.
+        if rest.log_evidence > current.log_evidence - _BRANCH_BEHIND and rest.of_effect(effect):
+            rest = backward(reconsidered(rest, options), options)
+            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelling(rest, options):
+                current = rest
+    return current
+
+
 def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether a cause's part is so large that others undo it."""
     gap = options.most_cancelled**2 * float(hypothesis.problem.gram.squared)
@@ -120,6 +145,10 @@ def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) 
 def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
     return hypothesis.main_share(index) >= options.least_main_share
+
+
+def _incredible(hypothesis: Hypothesis, options: SearchOptions) -> list[int]:
+    return [k for k, item in enumerate(hypothesis.items) if item.cause and not credible(hypothesis, k, options)]
 
 
 def impossible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:

@@ -47,6 +47,18 @@ def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     assert low <= beyond <= high
 
 
+def test_columns_that_are_far_longer_than_others_make_no_chance(rng):
+    """Heavy arms yield a billion times what their noise is: rounding of the one is not what the other sees."""
+    effects, longest = library(rng, count=4), 1e9 * rng.normal(size=(ROWS, 3))
+    long = explanation("long", longest @ rng.normal(size=(3, 8)))  # and of eight columns five are sums
+    without, beside = (
+        by_chance(Hypothesis.nothing(problem(rng.normal(size=ROWS), items)), 0.01)
+        for items in (effects, [*effects, long])
+    )
+    # One effect more, with less room for chance than any: its scales end far above what such columns would need.
+    assert abs(beside - without) < 1.0
+
+
 def test_the_larger_threshold_counts():
     assert SearchOptions(false_names=0.01, by_chance=2.0).least_evidence == pytest.approx(np.log(100.0))
     assert SearchOptions(false_names=0.01, by_chance=7.0).least_evidence == 7.0

@@ -51,6 +51,21 @@ def test_the_form_that_was_planted_is_found():
     assert right >= 18
 
 
+def test_two_single_parameters_of_many_are_found_behind_a_scale_of_all():
+    """All lengths of a chain, a scale of them all, and two that are wrong nearly in its proportion."""
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        lengths = rng.normal(size=(ROWS, 6)) * [9.0, 8.0, 2.0, 2.0, 2.0, 2.0]
+        forms = [explanation("lengths", lengths, "all")]
+        forms += [explanation("lengths", lengths[:, [k]], f"{k}_alone") for k in range(6)]
+        scale = explanation("scale", lengths.sum(axis=1, keepdims=True))
+        residual = rng.normal(size=ROWS) + 0.5 * lengths[:, :2].sum(axis=1)
+        found = search(problem(residual, [*forms, scale]))
+        right += {item.form for item in found.items} == {"0_alone", "1_alone"}
+    assert right >= 17  # and none where steps of one explanation are all there are
+
+
 def test_a_small_cause_beats_a_large_one_that_fits_as_well():
     """The large one has the small one's column among its twenty-four: it fits at least as well, and is not chosen."""
     chosen = []

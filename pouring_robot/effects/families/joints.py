@@ -108,10 +108,11 @@ class Placement(Family):
         return together(place_parameters(conditions)) + together(axis_parameters(conditions))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All places and axes, all of one kind, or those of a single joint."""
+        """All places and axes, all of one kind, those of a single joint, or one of them, as a length of the drawing."""
         places, axes = place_parameters(conditions), axis_parameters(conditions)
         kinds = {"places": together(places), "axes": together(axes)}
         kept = {name: found for name, found in kinds.items() if found}
         both = {"all": kinds["places"] + kinds["axes"]} if len(kept) > 1 else {}
         alone = {f"{joint}_alone": found + axes.get(joint, ()) for joint, found in places.items()}
-        return tuple(Form(name, found) for name, found in (both | kept | alone).items())
+        single = {f"{one.name}_alone": (one,) for one in self.workmanship(conditions)}
+        return tuple(Form(name, found) for name, found in (both | kept | alone | single).items())

@@ -1,0 +1,33 @@
+"""One or two lengths of an arm that are wrong, by a chain of rotations that knows nothing of the library."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
+from tests.examples.campaigns import write
+from tests.examples.effects import EFFECTS, LARGEST, Hidden
+from tests.examples.machines import MACHINES
+from tests.support import ROOT
+
+ROBOT = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
+UPPER, FORE = (2, 2), (3, 0)  # joint and axis of the lengths
+
+
+@pytest.mark.parametrize("wrong", [{UPPER: 1.0}, {UPPER: 1.2, FORE: 1.0}], ids=["one", "two"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_lengths_are_placements_and_neither_something_unknown_nor_the_tracker(tmp_path, monkeypatch, wrong, seed):
+    """Two lengths off in proportion are nearly what a tracker's scale makes of all."""
+    origin = np.zeros((6, 3))
+    for place, size in wrong.items():
+        origin[place] = size
+    monkeypatch.setitem(EFFECTS, "lengths", lambda *_: Hidden(geometry={"origin": origin}, told={"m": 1.0}))
+    monkeypatch.setitem(LARGEST, "lengths", 1e-2)
+    truth = write(tmp_path, MACHINES["arm"], seed, "lengths", ratio=7.0)
+    found = diagnose(tmp_path / "campaign.csv", ROBOT, DiagnosisOptions(next_count=0))
+    assert found.verdict == "named"
+    assert [cause.effect for cause in found.judgement.causes] == ["joint_placement"]
+    told = found.to_frame().set_index("parameter")
+    assert {*told.index} == {f"joint{joint + 1}.t{'xyz'[axis]}" for joint, axis in wrong}
+    for (joint, axis), size in wrong.items():
+        name, true_mm = f"joint{joint + 1}.t{'xyz'[axis]}", 1e3 * size * truth["effects"][0]["size"]
+        assert told.value[name] == pytest.approx(true_mm, abs=4.0 * told["std"][name])
