@@ -189,7 +189,9 @@ def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
     parts = _parts(campaign)
     for name in parts:
         others = [campaign.conditions[other] - hall for other in parts if other != name]
-        cold = np.median(np.abs(others), axis=0) < _COLD_K if len(others) > 1 else np.zeros(len(hall), dtype=bool)
+        if len(others) < 2:  # none that another one bears out
+            return
+        cold = np.median(np.abs(others), axis=0) < _COLD_K
         values, apart = campaign.conditions[name][cold], np.array(others)[:, cold]
         for scale, degC in _TEMPERATURE_MISTAKES:
             # Converted, it must be as cold as the others are, not only near the hall: a part may warm up alone.

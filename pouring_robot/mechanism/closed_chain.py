@@ -86,6 +86,11 @@ class ClosedChainMechanism:
         self.anchors = self._find_anchors()
         for name in (loops.base_frame, *loops.reported_frames):
             self._declared(self.frame_id, name, f"'{name}' is not a frame of the robot")
+        bodies = [self.shared_model.frames[self.frame_id(name)].parentJoint for name in loops.reported_frames]
+        for name, body in zip(loops.reported_frames, bodies, strict=True):
+            if body != bodies[0]:
+                said = f"tool frame '{name}' is not on the body of '{loops.reported_frames[0]}'"
+                raise DescriptionError(self._source, f"{said}; name frames that move with it, or another end_frame")
         self._drive_ids, self._locked_ids = (
             tuple(self._declared(self.joint_id, name, f"'{name}' is not a moving joint of the robot") for name in names)
             for names in (loops.drives, loops.locked_joints)

@@ -234,6 +234,15 @@ def test_is_silent_on_sound_data(request, drawing, name):
     assert check_campaign(request.getfixturevalue(name).campaign, drawing.kinematics) == []
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_thermometers_are_checked_for_themselves(clean, drawing, count):
+    """No others say when such a part is cold; what is beyond any hall is told all the same."""
+    left_out = dict.fromkeys(clean.campaign.robot.thermometers[count:])
+    assert check_campaign(damaged(clean.campaign, **left_out), drawing.kinematics) == []
+    swapped = damaged(clean.campaign, **left_out, ambient=lambda v: v + 273.15)
+    assert codes(check_campaign(swapped, drawing.kinematics)) == {"condition_unit"}
+
+
 @pytest.mark.parametrize("name", ["crooked", "very_crooked"])
 def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name):
     # Axes off by 2 and 4 mrad move the ladle by up to 40 mm, most where the mechanism is weak.

@@ -1,5 +1,7 @@
 """A description from somebody else runs no code and reads nothing far from it."""
 
+import re
+
 import pytest
 
 from pouring_robot.exceptions import DescriptionError
@@ -84,6 +86,42 @@ def test_a_named_folder_and_a_sister_folder_are_read(folder, monkeypatch):
     monkeypatch.setenv(FOLDERS_VARIABLE, f":{folder.parents[1]}")
     text = run_xacro(folder / "r.xacro", {})
     assert all(name in text for name in ("treasure", "part", '"l4"'))
+
+
+@pytest.mark.parametrize("place", ["above", "beside", "named", "holder"])
+def test_packages_are_found_where_they_may_be_read(folder, monkeypatch, place):
+    """As the one that holds the description, beside its folder, in the variable, or in a folder that stands there."""
+    home = {"above": folder.parent, "beside": folder.parent / "parts"}.get(place, folder.parents[1] / "parts")
+    if place in ("named", "holder"):
+        monkeypatch.setenv(FOLDERS_VARIABLE, str(home if place == "named" else home.parent))
+    (home / "urdf").mkdir(parents=True, exist_ok=True)
+    (home / "urdf" / "part.xacro").write_text("<robot><link name='part'/></robot>", encoding="utf-8")
+    (home / "part.stl").write_bytes(b"")
+    body = f"<xacro:include filename='$(find {home.name})/urdf/part.xacro'/>"
+    (folder / "r.xacro").write_text(f"{HEAD}{body}</robot>", encoding="utf-8")
+    assert '"part"' in run_xacro(folder / "r.xacro", {})
+    for file, address in (("part.stl", (home / "part.stl").resolve()), ("not.stl", f"package://{home.name}/not.stl")):
+        urdf = f"<robot><link name='a'><mesh filename='package://{home.name}/{file}'/></link></robot>"
+        assert f'"{address}"' in meshes_from(urdf, folder)
+
+
+def test_an_absent_package_is_asked_for_on_one_line(folder):
+    said = refused(folder, "<xacro:include filename='$(find absent)/a.xacro'/>")
+    assert said.endswith(f"the package 'absent' is not there; name the folder that holds it in {FOLDERS_VARIABLE}")
+    urdf = "<robot><link name='a'><mesh filename='package://absent/a.stl'/></link></robot>"
+    assert '"package://absent/a.stl"' in meshes_from(urdf, folder)
+
+
+def test_meshes_of_one_name_from_two_folders_stay_two(folder):
+    meshes = [folder / kind / "link.stl" for kind in ("visual", "collision")]
+    for path in meshes:
+        path.parent.mkdir()
+        path.write_text(path.parent.name, encoding="utf-8")
+    body = "".join(f"<{path.parent.name}><mesh filename='{path}'/></{path.parent.name}>" for path in meshes)
+    files = urdf_files(f"<robot name='r'><link name='a'>{body}</link></robot>", folder / "out")
+    for path in meshes:
+        address = re.search(f"<{path.parent.name}><mesh filename=.([^'\"]+)", files[folder / "out" / "r.urdf"].decode())
+        assert files[folder / "out" / address[1]] == path.parent.name.encode()
 
 
 @pytest.mark.parametrize("address", ["/etc/hostname", "file:///etc/hostname", "../../secret.xml", "link.xml"])

@@ -31,9 +31,12 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
             document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
         except xml.parsers.expat.ExpatError as error:
             raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
-        except DescriptionError:
-            raise
         except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
+            cause: BaseException | None = error
+            while cause is not None and not isinstance(cause, DescriptionError):
+                cause = cause.__cause__ or cause.__context__
+            if cause is not None:  # ours, which xacro may have wrapped
+                raise cause from None
             problem = f"xacro: {error or type(error).__name__}"
             raise DescriptionError(_file_at_fault(path, str(error)), problem) from error
         # The banner names the path of this machine; the same description must give the same text anywhere.

@@ -3,8 +3,8 @@
 xacro evaluates Python expressions. Its own guard looks only at the outermost of them, and ``$(eval …)`` gives them all
 of Python; both would run a stranger's code. So expressions are looked through to the last part before they are
 evaluated, ``$(eval …)`` and the environment are refused, and files are read from the folder above the description
-down, and from those that the environment variable :data:`FOLDERS_VARIABLE` names. How long an expression takes is not
-limited.
+down, and from those that the environment variable :data:`FOLDERS_VARIABLE` names; packages of ROS are looked for there.
+How long an expression takes is not limited.
 """
 
 import ast
@@ -47,6 +47,21 @@ def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
     raise DescriptionError(path, f"{problem}, or name its folder in {FOLDERS_VARIABLE}")
 
 
+def package(name: str, folder: Path) -> Path:
+    """Return the folder of a ROS package: the one above a description's folder, beside it, or among those named.
+
+    Raises DescriptionError where there is none of that name.
+    """
+    above = Path(os.path.realpath(folder)).parent
+    named = map(Path, filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)))
+    for place in (above, *named):
+        for found in (place, place / name):
+            if found.name == name and found.is_dir():
+                return found.resolve()
+    problem = f"the package '{name}' is not there; name the folder that holds it in {FOLDERS_VARIABLE}"
+    raise DescriptionError(folder, problem)
+
+
 @contextlib.contextmanager
 def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
     """Keep xacro, which works in module globals, from running code and reading elsewhere, while the context lasts."""
@@ -61,7 +76,10 @@ def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
     def opened(path: str) -> IO[str]:
         return readable(Path.cwd() / path, folder, also).open(encoding="utf-8")
 
-    stand_ins = [(xacro, "safe_eval", careful), (xacro, "open", opened)]
+    def found(name: str) -> str:
+        return str(package(name, folder))
+
+    stand_ins = [(xacro, "safe_eval", careful), (xacro, "open", opened), (xacro.substitution_args, "_eval_find", found)]
     for name, said in _REFUSED.items():
         stand_ins.append((xacro.substitution_args, name, _refusal(said)))
     kept = [(module, name, vars(module).get(name)) for module, name, _ in stand_ins]

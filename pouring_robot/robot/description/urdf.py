@@ -6,6 +6,8 @@ A text that is not readable XML, a mesh or a folder that is missing, or is where
 DescriptionError.
 """
 
+import contextlib
+import itertools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.strangers import readable
+from pouring_robot.robot.description.strangers import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
@@ -129,14 +131,19 @@ def with_mesh_files(urdf: str) -> str:
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with the addresses of meshes that are files made absolute."""
+    """Return the URDF with the addresses of meshes made absolute: of files, and of those in packages that are here."""
     if "<mesh" not in urdf:
         return urdf
     root = parsed(urdf)
     for mesh in root.iter("mesh"):
-        address = mesh.get("filename", "")
-        if "://" not in address or address.startswith("file://"):
-            mesh.set("filename", str(readable(address.removeprefix("file://"), folder)))
+        kind, _, address = mesh.get("filename", "").rpartition("://")
+        if kind in ("", "file"):
+            mesh.set("filename", str(readable(address, folder)))
+        elif kind == "package" and not mesh.get("filename").startswith(MESH_PACKAGE):
+            with contextlib.suppress(DescriptionError):  # who only calculates needs none of them
+                name, _, rest = address.partition("/")
+                if (file := readable(package(name, folder) / rest, folder)).is_file():
+                    mesh.set("filename", str(file))
     return xml_text(root)
 
 
@@ -153,16 +160,19 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
 def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
     """Return what :func:`write_urdf` writes, by path; the URDF last."""
     root = parsed(urdf)
-    files: dict[Path, bytes | str] = {}
+    files, names = dict[Path, bytes | str](), dict[Path, str]()
     for mesh in root.iter("mesh"):
         if (mesh.get("filename") or "").startswith("package://") and not mesh.get("filename").startswith(MESH_PACKAGE):
             continue  # of a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
+        if source not in names:  # what is seen and what collides are often called alike, in two folders
+            longer = ("_".join(source.parts[-k:]) for k in itertools.count(1))
+            names[source] = next(name for name in longer if name not in names.values())
         try:
-            files[folder / "meshes" / source.name] = source.read_bytes()
+            files[folder / "meshes" / names[source]] = source.read_bytes()
         except OSError as error:
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
-        mesh.set("filename", f"meshes/{source.name}")
+        mesh.set("filename", f"meshes/{names[source]}")
     _say_massless(root)
     if root.find("mujoco") is None:  # its compiler melts links and drops visuals of a URDF; others pass it over
         settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}

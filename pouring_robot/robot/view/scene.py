@@ -6,15 +6,17 @@ displacement from the same part of the nominal one enlarged, shift and rotation 
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
+from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
 from pouring_robot.robot.location_figures import decimals
@@ -133,8 +135,15 @@ def drawn_robot(
     tint: Colour | None = None,
     reference: FloatArray | None = None,
 ) -> SceneRobot:
-    """Return a mechanism whose joints stand at ``bodies`` (k, joints, 4, 4), in m, ready for a scene."""
-    visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
+    """Return a mechanism whose joints stand at ``bodies`` (k, joints, 4, 4), in m, ready for a scene.
+
+    Raises DescriptionError where a mesh is not found.
+    """
+    urdf = with_mesh_files(mechanism.tree_urdf)
+    if absent := re.search(r"package://[^\"]+", urdf):
+        problem = f"the mesh {absent[0]} is not here; name the folder that holds its package in {FOLDERS_VARIABLE}"
+        raise DescriptionError("robot description", problem)
+    visual = visual_model(mechanism.shared_model, urdf)
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
 
