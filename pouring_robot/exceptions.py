@@ -311,7 +311,7 @@ class MissingConditionsError(BadInputError):
         self.effect, self.headings = effect, tuple(headings)
         super().__init__(
             f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
-            f"poses, or for all of them by --condition {self.headings[0]}=VALUE ({{'{self.headings[0]}': VALUE}})"
+            f"poses, or for all of them by --condition {self.headings[0]}=VALUE (in Python {{'{self.headings[0]}': VALUE}})"
         )
 
 

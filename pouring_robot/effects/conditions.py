@@ -202,9 +202,10 @@ class Conditions:
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
         """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time.
 
-        Before the first row they had settled. Of rows of which nobody knows the time nothing is said: NaN.
+        Before the first row they had settled. Of rows of which nobody knows the time nothing is said, NaN, unless all
+        are alike.
         """
-        if not self.timed and len(self) > 1:
+        if not self.timed and len(self) > 1 and np.ptp(values, axis=0).any():
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
         for before, now in itertools.pairwise(np.argsort(self.time_s, kind="stable")):

@@ -14,7 +14,9 @@ from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.families.drives import Scale
+from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.exceptions import MissingConditionsError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
@@ -103,6 +105,23 @@ def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
     if not np.any(given.drive_force):
         by_command.add("drive_compliance")  # weight loads none of the drives
     assert {*found} == {name for name in testable if name.partition(".")[0] not in by_command}
+
+
+@pytest.mark.parametrize("hall", [True, False])
+def test_thermometers_asked_for_are_those_it_was_learned_by(rows, hall):
+    """Any thermometer makes the effect; a form of it is by all of those that there were."""
+    parts = {f"{name}_degC": 25.0 for name in rows.conditions.rises if name != "ambient"}
+    campaign = rows.campaign if hall else rows.campaign.with_conditions(ambient=None)
+    given = CampaignRows(campaign, rows.model, NOISE).conditions
+    grown = {"expansion": ParameterEntry(value=10.0, unit="1e-6/K")}
+    entry = EffectEntry(effect="link_thermal_expansion", form="own_temperature", learned="here", parameters=grown)
+    there = {"effects": [entry], "learned": {"here": learned_in(campaign, given)}}
+    model = rows.model.model_copy(update=there)
+    for known in ({}, {"ambient_degC": 20.0}):
+        with pytest.raises(MissingConditionsError) as problem:
+            robots_under(model, list(given.drives[:1]), known)
+        assert set(problem.value.headings) == ({"ambient_degC"} if hall and not known else {*parts})
+    assert robots_under(model, list(given.drives[:1]), parts | ({"ambient_degC": 20.0} if hall else {}))
 
 
 def test_columns_are_derivatives_of_the_exact_closure(rows, rng):

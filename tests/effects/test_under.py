@@ -179,6 +179,7 @@ def test_lags_need_the_time_of_many_rows_only(bench, rng):
     with pytest.raises(MissingConditionsError, match="needs time_s:"):
         robots_under(model, list(bench.campaign.drives), given)
     first = {heading: values[0] for heading, values in given.items()}
+    assert len(robots_under(model, list(bench.campaign.drives[:3]), first)) == 3  # nothing changes from row to row
     (standing,) = robots_under(model, [bench.campaign.drives[0]], first)  # at rest as warm as they say
     assert standing.model.drive_offsets
 
