@@ -309,9 +309,10 @@ class MissingConditionsError(BadInputError):
 
     def __init__(self, effect: str, headings: Sequence[str]) -> None:
         self.effect, self.headings = effect, tuple(headings)
+        first = self.headings[0]
         super().__init__(
             f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
-            f"poses, or for all of them by --condition {self.headings[0]}=VALUE (in Python {{'{self.headings[0]}': VALUE}})"
+            f"poses, or for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
         )
 
 

@@ -26,6 +26,7 @@ ARM = """<robot name="two_joints">
     <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
   <joint name="mount" type="fixed"><parent link="slide"/><child link="tip"/><origin xyz="0.1 0 0"/></joint>
 </robot>"""
+TIP = '<link name="tip"><inertial><mass value="{}"/></inertial></link>'
 FILE = """format: pouring_robot/robot/1
 name: two_joints
 urdf: arm.urdf
@@ -293,6 +294,23 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
     why = "the pose is out of reach: joint 'reach' would stand at 0.00 mm, 200.00 mm beyond its limits"
     assert f"robot.yaml: the robot cannot stand at {says}{why}" in str(error.value)
     assert "; write under home: the values" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('lower="0" upper="1"', 'lower="1" upper="0"', "joint 'reach': limits 1 to 0 (m, rad); exchange them"),
+        ('lower="0"', 'lower="o"', "axes, limits and masses are numbers"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
+        ('<link name="tip"/>', TIP.format("-2"), "link 'tip': a mass of -2 kg"),
+        ('<link name="tip"/>', TIP.format("two"), "axes, limits and masses are numbers"),
+    ],
+)
+def test_what_readers_of_urdfs_take_without_a_word_is_refused(arm, old, new, says):
+    assert old in ARM
+    arm.with_name("arm.urdf").write_text(ARM.replace(old, new), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        RobotDefinition.load(arm)
 
 
 def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):

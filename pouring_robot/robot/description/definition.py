@@ -36,7 +36,15 @@ from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import carriers, joint_limits, meshes_from, parsed, reach, read_text
+from pouring_robot.robot.description.urdf import (
+    carriers,
+    check_sound,
+    joint_limits,
+    meshes_from,
+    parsed,
+    reach,
+    read_text,
+)
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -118,6 +126,7 @@ class RobotDefinition:
         left = {name: kind for name, kind in loops.joint_types.items() if kind == "spherical"}
         self.loops = loops.model_copy(update={"joint_types": left})
         root = parsed(self.urdf(), self.source)
+        check_sound(root, self.source)
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
         self.drives = tuple(self._drive(entry, kinds) for entry in file.drives)

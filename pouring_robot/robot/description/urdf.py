@@ -8,7 +8,7 @@ DescriptionError.
 
 import contextlib
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +105,29 @@ def joint_limits(joint: etree._Element) -> tuple[float, float]:
     """Return the limits of a joint, m or rad; zeros where it says none."""
     limit = joint.find("limit")
     return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
+
+
+def check_sound(root: etree._Element, source: Path | str) -> None:
+    """Refuse what readers take without a word: axes of no length, limits the wrong way round, negative masses."""
+    try:
+        problem = next(_unsound(root), None)
+    except ValueError as error:
+        problem = f"{error}; axes, limits and masses are numbers"
+    if problem:
+        raise DescriptionError(source, problem)
+
+
+def _unsound(root: etree._Element) -> Iterator[str]:
+    for joint in root.iterfind("joint"):
+        name, kind, axis, (lower, upper) = joint.get("name"), joint.get("type"), joint_axis(joint), joint_limits(joint)
+        if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
+            yield f"joint '{name}' has no direction; give its axis three numbers, not all zero"
+        if kind in ("revolute", "prismatic") and lower > upper:
+            yield f"joint '{name}': limits {lower:g} to {upper:g} (m, rad); exchange them"
+    for mass in root.iterfind("link/inertial/mass"):
+        if float(mass.get("value", "0")) < 0.0:
+            link = mass.getparent().getparent().get("name")
+            yield f"link '{link}': a mass of {mass.get('value')} kg; give one from 0 on"
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | str = "URDF") -> str:

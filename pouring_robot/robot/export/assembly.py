@@ -199,7 +199,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         "revolute" if kind == "continuous" else kind,
         str(entry.find("parent").get("link")),
         str(entry.find("child").get("link")),
-        axis / np.linalg.norm(axis),
+        axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
         closed.joints.get(name, 0.0),
         (lower, upper) if kind in ("revolute", "prismatic") and lower != upper else None,
         effort,
