@@ -119,6 +119,7 @@ class FlagCode(enum.StrEnum):
         _ERROR,
         "reverse the sign of the column; if the controller counts so, give the drive a negative ratio in its file",
     )
+    DRIVE_ZERO = "drive_zero", _ERROR, "if the controller counts so, give the drive its zero in the robot file"
     DRIVES_EXCHANGED = "drives_exchanged", _ERROR, "put the headings over the right columns"
     NO_AGREEMENT = (
         "no_agreement",
@@ -154,6 +155,7 @@ ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_D
 _UNDONE = {
     FlagCode.DRIVE_UNIT: "the unit of {} corrected",
     FlagCode.DRIVE_REVERSED: "the sign of {} turned",
+    FlagCode.DRIVE_ZERO: "{} counted from the other zero",
     FlagCode.DRIVES_EXCHANGED: "{} exchanged back",
     FlagCode.POSITION_UNIT: "the unit of {} corrected",
     FlagCode.FRAMES_SWAPPED: "the measured poses inverted",

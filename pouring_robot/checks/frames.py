@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.data import BoolArray, Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
@@ -49,6 +49,7 @@ _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itse
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _NEARLY_ALL = 0.9
+_LEAST_USED = 0.1  # share of a drive's range; what would use less in another unit, the frames must bear out
 _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
 _TIMES_BETTER = 3.0
@@ -125,7 +126,8 @@ class FrameChecks:
                     drives[:, index] = 2.0 * zero - values
                 continue
             for factor, mistake in DRIVE_MISTAKES[kind]:
-                if _mostly_within(known * factor + zero, low, high):
+                used = np.ptp(known) * factor > _LEAST_USED * (high - low)
+                if used and _mostly_within(known * factor + zero, low, high):
                     median = float(np.median(np.abs(known)))
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
                     message += f" come to {median:g} {drive.unit} (median)"
@@ -142,14 +144,17 @@ class FrameChecks:
         self.flags.append(found(self.campaign, code, message, rows, names, metrics))
 
     def _unreachable(self) -> None:
-        drives = self.data.drives
-        beyond = ((drives < self._lower - _LIMIT_SLACK) | (drives > self._upper + _LIMIT_SLACK)).any(axis=1)
-        complete = np.isfinite(drives).all(axis=1)
-        rows = np.flatnonzero(complete & (beyond | ~self.data.poses.complete))
+        complete = np.isfinite(self.data.drives).all(axis=1)
+        rows = np.flatnonzero(complete & (self._beyond(self.data) | ~self.data.poses.complete))
         if rows.size:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
             names = columns.drive_names(self.campaign.robot)
             self._found(FlagCode.UNREACHABLE_DRIVES, message, names, {"rows": float(rows.size)}, rows)
+
+    def _beyond(self, data: Comparison) -> BoolArray:
+        """Return the rows of which a drive is beyond its limits, (n,)."""
+        beyond = (data.drives < self._lower - _LIMIT_SLACK) | (data.drives > self._upper + _LIMIT_SLACK)
+        return np.asarray(beyond.any(axis=1))
 
     def _not_compared(self) -> None:
         """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""
@@ -232,7 +237,8 @@ class FrameChecks:
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
 
-        None is named that leaves more than ``most``, a share of the spread.
+        None is named that leaves more than ``most``, a share of the spread; of equals none that takes drives further
+        beyond their limits than another.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
@@ -242,7 +248,11 @@ class FrameChecks:
         def misfit(data: Comparison, rough: bool) -> float:
             return data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
 
-        return _least(_fitted(tried, misfit, most))
+        found = _fitted(tried, misfit, most)
+        least, beyond = min((after for after, _ in found), default=0.0), {m: self._beyond(d).mean() for m, d in tried}
+        equal = [(after, mistake) for after, mistake in found if after <= _EQUAL * least]
+        fewest = min((beyond[mistake] for _, mistake in equal), default=0.0)
+        return _least([one for one in equal if beyond[one[1]] <= fewest + _SOME_BEYOND])
 
     # --- rotations ---
 

@@ -37,6 +37,7 @@ _TELLING_SPREAD = 1e-2  # below it the affine map says little
 _NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
+_QUARTER_TURNS = (90, -90, 180)  # between the usual zeros of a turning joint, in degrees
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
 
 
@@ -199,6 +200,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)
     yield from _drive_units(campaign, drawing)
     yield from _drives_reversed(campaign, drawing)
+    yield from _drive_zeros(campaign, drawing)
     yield from _drives_exchanged(campaign, drawing)
 
 
@@ -266,6 +268,24 @@ def _drives_reversed(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
         signs[k] = -1.0
         message = reversed_words(campaign, drive.column)
         yield _drives_changed(campaign, drawing, FlagCode.DRIVE_REVERSED, message, np.diag(signs))
+
+
+def _drive_zeros(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
+    """Yield turning drives that count from another zero: controllers, and tables of links, differ by quarter turns."""
+    drives = campaign.robot.drives
+    for (k, drive), turn in itertools.product(enumerate(drives), _QUARTER_TURNS):
+        if drive.unit == "rad":
+            shift = math.radians(turn) * (np.arange(len(drives)) == k)
+            message = (
+                f"column '{campaign.heading(drive.column)}' seems to count from another zero, where the joint stands "
+                f"at {turn}° (zero: {drive.zero + math.radians(turn):.6g})"
+            )
+            undo = functools.partial(_shifted, drawing=drawing, shift=shift)
+            yield Mistake(FlagCode.DRIVE_ZERO, message, [drive.column], undo)
+
+
+def _shifted(data: Comparison, drawing: Drawing, shift: FloatArray) -> Comparison | None:
+    return data.with_drives(drawing, lambda drives: drives + shift)
 
 
 def reversed_words(campaign: Campaign, name: str) -> str:

@@ -24,11 +24,11 @@ DEG = np.pi / 180.0
 
 
 class Machine:
-    """An example robot whose drives stand a little beside their commands, seen by a tracker."""
+    """A robot whose drives stand a little beside their commands, seen by a tracker."""
 
-    def __init__(self, name, count=120, seed=2):
+    def __init__(self, path, count=120, seed=2):
         random = np.random.default_rng(seed)
-        robot = RobotDefinition.load(EXAMPLES / "robots" / name / "robot.yaml")
+        robot = RobotDefinition.load(path)
         self.drawing = robot.drawing()
         drives, _ = robot.workspace(self.drawing)
         drives = drives[random.permutation(len(drives))[:count]]
@@ -38,8 +38,8 @@ class Machine:
         turn = rotation_matrices(SIGMA * random.normal(size=(len(drives), 3))) @ seen.rotation
         self.campaign = Campaign(
             robot=robot,
-            path=Path(f"{name}.csv"),
-            metadata=CampaignMetadata(robot=name, sigma_position_m=SIGMA, sigma_rotation_rad=SIGMA),
+            path=Path(f"{robot.name}.csv"),
+            metadata=CampaignMetadata(robot=robot.name, sigma_position_m=SIGMA, sigma_rotation_rad=SIGMA),
             lines=np.arange(2, len(drives) + 2),
             samples=("",) * len(drives),
             sessions=("1",) * len(drives),
@@ -54,7 +54,26 @@ class Machine:
 
 @pytest.fixture(scope="module", params=["arm", "delta", "hexapod", "five_bar"])
 def machine(request):
-    return Machine(request.param)
+    return Machine(EXAMPLES / "robots" / request.param / "robot.yaml")
+
+
+@pytest.fixture(scope="module")
+def gantry(tmp_path_factory):
+    """Three slides at right angles, of different strokes."""
+    folder, joints, links = tmp_path_factory.mktemp("gantry"), "", '<link name="base"/>'
+    for parent, child, axis, stroke in (
+        ("base", "x", "1 0 0", 2.1),
+        ("x", "y", "0 1 0", 1.5),
+        ("y", "z", "0 0 1", 0.8),
+    ):
+        links += f'<link name="{child}"/>'
+        joints += f'<joint name="{child}_slide" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+        joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{stroke}" effort="1" velocity="1"/></joint>'
+    (folder / "gantry.urdf").write_text(f'<robot name="gantry">{links}{joints}</robot>', encoding="utf-8")
+    text = "format: pouring_robot/robot/1\nname: gantry\nurdf: gantry.urdf\nbase_frame: base\nend_frame: z\n"
+    drives = ", ".join(f"{{joint: {axis}_slide}}" for axis in "xyz")
+    (folder / "robot.yaml").write_text(f"{text}drives: [{drives}]\n", encoding="utf-8")
+    return Machine(folder / "robot.yaml")
 
 
 def inverse(campaign):
@@ -129,6 +148,28 @@ def test_units_of_all_drives(machine):
         assert codes(flags) == {"drive_unit"}
         named = {name for flag in flags for name in flag.columns}
         assert named == {machine.campaign.heading(drive.column) for drive in robot.drives}
+
+
+@pytest.mark.parametrize("machine", ["arm", "delta", "five_bar"], indirect=True)
+@pytest.mark.parametrize("turn", [90, -90, 180])
+def test_turning_drives_that_count_from_another_zero(machine, turn):
+    """As of two tables of links that put the zero of a joint a quarter turn apart."""
+    robot, at = machine.campaign.robot, 1
+    counted = damaged(
+        machine.campaign, drives=machine.campaign.drives - np.radians(turn) * np.eye(len(robot.drives))[at]
+    )
+    (flag,) = check_campaign(counted, machine.drawing)
+    assert flag.code == "drive_zero"
+    assert f"at {turn}° (zero: {np.radians(turn):.6g})" in flag.message
+
+
+def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
+    """Of three slides at right angles any exchange or sign is a change of frames; where they can go tells."""
+    exchanged = damaged(gantry.campaign, drives=gantry.campaign.drives[:, [1, 0, 2]])
+    flags = check_campaign(exchanged, gantry.drawing)
+    assert flags[0].code == "drives_exchanged"
+    assert flags[0].columns == ("x_slide_m", "y_slide_m")
+    assert "as well possible" not in flags[0].message
 
 
 def test_exchanged_drives_of_many(machine):

@@ -113,6 +113,7 @@ DAMAGES = {
         lambda c: damaged(c, drives=scaled([0], -1.0)),  # it closes as well, with the leg turned round
         lambda c: damaged(c, drives=scaled([0, 1], -1.0)),
     ],
+    "drive_zero": [lambda c: damaged(c, drives=lambda v: v - [0.0, 0.0, 0.0, np.pi / 2.0])],
     "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
         lambda c: damaged(c, drives=scaled([0, 1, 2], 1000.0)),
