@@ -26,6 +26,24 @@ BOX_LOWER = np.array([-0.150, -0.050, -0.825, -0.4884])
 BOX_UPPER = np.array([-0.050, 0.050, -0.425, 1.08155])
 
 
+def gantry_file(folder):
+    """Write the robot file of three slides at right angles, of different strokes, and its URDF; return its path."""
+    joints, links = "", '<link name="base"/>'
+    for parent, child, axis, stroke in (
+        ("base", "x", "1 0 0", 2.1),
+        ("x", "y", "0 1 0", 1.5),
+        ("y", "z", "0 0 1", 0.8),
+    ):
+        links += f'<link name="{child}"/>'
+        joints += f'<joint name="{child}_slide" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+        joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{stroke}" effort="1" velocity="1"/></joint>'
+    (folder / "gantry.urdf").write_text(f'<robot name="gantry">{links}{joints}</robot>', encoding="utf-8")
+    text = "format: pouring_robot/robot/1\nname: gantry\nurdf: gantry.urdf\nbase_frame: base\nend_frame: z\n"
+    drives = ", ".join(f"{{joint: {axis}_slide}}" for axis in "xyz")
+    (folder / "robot.yaml").write_text(f"{text}drives: [{drives}]\n", encoding="utf-8")
+    return folder / "robot.yaml"
+
+
 def random_poses(count, seed):
     """Return poses spread evenly over the workspace box."""
     numbers = np.random.default_rng(seed).uniform(BOX_LOWER, BOX_UPPER, size=(count, 4))

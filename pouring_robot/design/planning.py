@@ -91,7 +91,11 @@ class Planner:
         kept = self._kept(asked, rows)
         self.left_out = tuple(p.name for k, p in enumerate(asked) if k not in kept)
         if not kept:
-            raise BadInputError("measurements show none of the parameters; name others")
+            some = f"{', '.join(self.left_out[:4])}{' …' if len(self.left_out) > 4 else ''}"
+            raise BadInputError(
+                f"measurements show none of the parameters ({some}): the frames of tracker and target do the same; "
+                "name others, or all of the geometry (--parameters geometry)"
+            )
         self.parameters = tuple(asked[k] for k in kept)
         self.columns = Columns(robot, self.parameters)
         self._candidate_rows = rows[..., [*range(self.nuisance), *(self.nuisance + k for k in kept)]]

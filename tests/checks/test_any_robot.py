@@ -17,6 +17,7 @@ from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vector
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import codes, damaged
 from tests.estimation.virtual import TRUE_FRAMES
+from tests.support import gantry_file
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SIGMA = 5e-5
@@ -59,21 +60,7 @@ def machine(request):
 
 @pytest.fixture(scope="module")
 def gantry(tmp_path_factory):
-    """Three slides at right angles, of different strokes."""
-    folder, joints, links = tmp_path_factory.mktemp("gantry"), "", '<link name="base"/>'
-    for parent, child, axis, stroke in (
-        ("base", "x", "1 0 0", 2.1),
-        ("x", "y", "0 1 0", 1.5),
-        ("y", "z", "0 0 1", 0.8),
-    ):
-        links += f'<link name="{child}"/>'
-        joints += f'<joint name="{child}_slide" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
-        joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{stroke}" effort="1" velocity="1"/></joint>'
-    (folder / "gantry.urdf").write_text(f'<robot name="gantry">{links}{joints}</robot>', encoding="utf-8")
-    text = "format: pouring_robot/robot/1\nname: gantry\nurdf: gantry.urdf\nbase_frame: base\nend_frame: z\n"
-    drives = ", ".join(f"{{joint: {axis}_slide}}" for axis in "xyz")
-    (folder / "robot.yaml").write_text(f"{text}drives: [{drives}]\n", encoding="utf-8")
-    return Machine(folder / "robot.yaml")
+    return Machine(gantry_file(tmp_path_factory.mktemp("gantry")))
 
 
 def inverse(campaign):

@@ -29,7 +29,9 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
+from tests.support import gantry_file
 
 SMALL = {"candidates": 300, "starts": 2}
 
@@ -183,6 +185,14 @@ def test_kinds_take_their_slots_and_trade_places():
         for one in itertools.combinations(sorted(set(range(8)) - set(both)), 2)
     )
     assert choice.value == pytest.approx(best, rel=1e-5)
+
+
+def test_where_frames_do_all_that_is_asked_for_other_parameters_are_named(tmp_path):
+    """Of three slides at right angles, zeros and places of joints do what the frames do."""
+    robot = Robot.load(gantry_file(tmp_path))
+    with pytest.raises(BadInputError, match=r"\(drive.x_slide, .* …\): the frames .*--parameters geometry"):
+        Planner(robot, PlanRequest(reduce=True))
+    assert Planner(robot, PlanRequest(parameters=("geometry",), reduce=True)).parameters
 
 
 def test_exchange_refuses_what_it_cannot_choose_from():
