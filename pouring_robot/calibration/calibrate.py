@@ -24,6 +24,7 @@ from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.map_fit import (
     Fit,
     FitOptions,
+    campaign_and_model,
     first_frames,
     fit_with_noise,
     identify,
@@ -122,9 +123,9 @@ def calibrate(
             does not say; nothing is to be exported.
         BadInputError: the parameters or tolerances are wrong.
     """
-    options, model = options or CalibrationOptions(), RobotModel.of(model)
+    options = options or CalibrationOptions()
     expect(options, CalibrationOptions, "options of a calibration are CalibrationOptions")
-    campaign = Campaign.of(campaign, model.definition)
+    campaign, model = campaign_and_model(campaign, model)
     tolerances = options.tolerances or Tolerances.of(model.definition)
     candidates = ParameterCatalogue(model.definition).groups(options.parameters)
     sessions = session_parameters(campaign)

@@ -28,7 +28,7 @@ from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import NoiseLevel, are, component_name
-from pouring_robot.estimation.map_fit import seen_from_one_place
+from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
@@ -140,7 +140,7 @@ def diagnose(
 
     Args:
         campaign: the data, or the path of their table.
-        model: the robot as believed, or the path of its file; by default the drawing.
+        model: the robot as believed, or the path of its file; by default the drawing of the campaign's robot.
         options: how.
         progress: told what is being done.
 
@@ -150,9 +150,10 @@ def diagnose(
         DiagnosisError: rows do not close.
         FrameFitError: too few rows have a pose and a position.
     """
-    options, model = options or DiagnosisOptions(), RobotModel.of(model)
+    options = options or DiagnosisOptions()
     expect(options, DiagnosisOptions, "options of a diagnosis are DiagnosisOptions")
-    campaign = seen_from_one_place(Campaign.of(campaign, model.definition), model)
+    campaign, model = campaign_and_model(campaign, model)
+    campaign = seen_from_one_place(campaign, model)
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data", 0, 0)
     flags = examine(campaign, model.definition.drawing()).flags

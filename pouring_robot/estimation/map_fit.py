@@ -12,6 +12,7 @@ quadratic up to the bound that 99 % of sound blocks keep, widened while the medi
 
 import functools
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -34,6 +35,21 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
+
+
+def campaign_and_model(
+    campaign: Campaign | Path | str, model: RobotModel | Path | str | None
+) -> tuple[Campaign, RobotModel]:
+    """Return a campaign, read if need be, and the robot it is compared with: by default the drawing of its own.
+
+    Raises:
+        BadInputError: they are of two robots, or something else.
+        CampaignError, ModelFileError: a file of theirs is wrong.
+    """
+    if model is None and isinstance(campaign, Campaign) and campaign.robot.name != RobotModel().definition.name:
+        model = RobotModel.for_robot(campaign.robot.path)
+    model = RobotModel.of(model)
+    return Campaign.of(campaign, model.definition), model
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:

@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.levenberg_marquardt import Search
-from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
+from pouring_robot.estimation.map_fit import FitOptions, campaign_and_model, first_frames, identify
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, robust_terms, scatter, whiten
 from pouring_robot.exceptions import BadInputError, CalibrationError
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.model import RobotModel
 from tests.estimation.virtual import SIGMA, TRUE_FRAMES, Virtual, model_of
+from tests.examples.campaigns import write
+from tests.examples.machines import MACHINES
+from tests.support import ROOT
 
 
 def fitted(virtual, options=None, measured=None):
@@ -160,3 +166,15 @@ def test_a_curved_valley_has_an_end(drawing):
             step = np.zeros_like(fit.std)
             step[k] = sign * fit.std[k] / virtual.prior[k]
             assert not search.try_step(step) or fit.cost - search.cost < 0.01
+
+
+def test_a_campaign_is_compared_with_the_drawing_of_its_own_robot(tmp_path):
+    """A table names its robot; only the file of another robot says what that is."""
+    write(tmp_path, MACHINES["arm"], 1)
+    arm = RobotDefinition.load(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
+    campaign, model = campaign_and_model(Campaign.read(tmp_path / "campaign.csv", arm), None)
+    assert campaign.robot.name == model.definition.name == "arm"
+    with pytest.raises(BadInputError, match="the campaign is one of arm, the model one of pouring_robot"):
+        campaign_and_model(campaign, RobotModel())
+    with pytest.raises(BadInputError, match="--robot"):
+        campaign_and_model(tmp_path / "campaign.csv", None)
