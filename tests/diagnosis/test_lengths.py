@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.report.notes import note_lines
 from tests.examples.campaigns import write
 from tests.examples.effects import EFFECTS, LARGEST, Hidden
 from tests.examples.machines import MACHINES
@@ -31,3 +32,6 @@ def test_lengths_are_placements_and_neither_something_unknown_nor_the_tracker(tm
     for (joint, axis), size in wrong.items():
         name, true_mm = f"joint{joint + 1}.t{'xyz'[axis]}", 1e3 * size * truth["effects"][0]["size"]
         assert told.value[name] == pytest.approx(true_mm, abs=4.0 * told["std"][name])
+    # Along the forearm, about which joint 4 turns, the next joint's place does the same.
+    alike = "joint_placement: in these poses joint5.tx would do what joint4.tx does"
+    assert (alike in note_lines(found)) == (FORE in wrong)

@@ -1,5 +1,6 @@
 """What limits the answer of a diagnosis, in sentences."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
-    lines += _minor_lines(diagnosis)
+    lines += [*_minor_lines(diagnosis), *_alike_lines(diagnosis)]
     refused = impossible_effects(diagnosis.hypothesis)
     if refused:
         lines.append(
@@ -115,6 +116,19 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
         own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
         lines.append(f"{own}: {', '.join(passing)}")
     return lines
+
+
+def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield which single parameters of an effect would do what one at work does: lengths along one line, mostly."""
+    found, hidden = diagnosis.hypothesis, diagnosis.judgement.thresholds.hidden
+    single = [item for item in found.problem.explanations if item.columns.shape[1] == 1]
+    for index in (k for effect in diagnosis.effects for k in effect.cause.indices if found.items[k] in single):
+        own, seen = found.items[index], found.size(index)
+        others = [item for item in single if item.effect == own.effect and item.key not in found.keys]
+        alike = [item for item in others if seen - found.explained_by(item, (index,)) < hidden]
+        if alike:
+            *rest, last = (item.form.removesuffix("_alone") for item in (*alike, own))
+            yield f"{own.effect}: in these poses {', '.join(rest)} would do what {last} does"
 
 
 def _file_lines(diagnosis: Conclusions, rows: FloatArray | Any, most: int = 8) -> str:
