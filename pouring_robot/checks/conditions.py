@@ -187,10 +187,10 @@ def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
             yield _unit(campaign, columns.AMBIENT, said, {"median_degC": middle})
             return
     parts = _parts(campaign)
+    if len(parts) < 3:  # which are cold, two others must say
+        return
     for name in parts:
         others = [campaign.conditions[other] - hall for other in parts if other != name]
-        if len(others) < 2:  # none that another one bears out
-            return
         cold = np.median(np.abs(others), axis=0) < _COLD_K
         values, apart = campaign.conditions[name][cold], np.array(others)[:, cold]
         for scale, degC in _TEMPERATURE_MISTAKES:

@@ -49,7 +49,7 @@ _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itse
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _NEARLY_ALL = 0.9
-_LEAST_USED = 0.1  # share of a drive's range; what would use less in another unit, the frames must bear out
+_LEAST_USED = 0.1  # share of a drive's range; angles that move by less in another unit, the frames must bear out
 _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
 _TIMES_BETTER = 3.0
@@ -126,8 +126,8 @@ class FrameChecks:
                     drives[:, index] = 2.0 * zero - values
                 continue
             for factor, mistake in DRIVE_MISTAKES[kind]:
-                used = np.ptp(known) * factor > _LEAST_USED * (high - low)
-                if used and _mostly_within(known * factor + zero, low, high):
+                moved = np.ptp(known) * factor if kind == "angle" and known.size >= FEWEST_ROWS else 0.0
+                if not 0.0 < moved < _LEAST_USED * (high - low) and _mostly_within(known * factor + zero, low, high):
                     median = float(np.median(np.abs(known)))
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
                     message += f" come to {median:g} {drive.unit} (median)"

@@ -276,9 +276,10 @@ def _drive_zeros(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     for (k, drive), turn in itertools.product(enumerate(drives), _QUARTER_TURNS):
         if drive.unit == "rad":
             shift = math.radians(turn) * (np.arange(len(drives)) == k)
+            zero = math.remainder(drive.zero + math.radians(turn), 2.0 * math.pi)
             message = (
                 f"column '{campaign.heading(drive.column)}' seems to count from another zero, where the joint stands "
-                f"at {turn}° (zero: {drive.zero + math.radians(turn):.6g})"
+                f"at {math.degrees(zero):.6g}° (zero: {zero:.6g})"
             )
             undo = functools.partial(_shifted, drawing=drawing, shift=shift)
             yield Mistake(FlagCode.DRIVE_ZERO, message, [drive.column], undo)

@@ -16,7 +16,7 @@ import numpy as np
 from pouring_robot.batch.structure import Structure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
-from pouring_robot.effects.conditions import Conditions, NominalRows, condition_names, conditions_of, told
+from pouring_robot.effects.conditions import RISE, Conditions, NominalRows, condition_names, conditions_of, told
 from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
@@ -153,7 +153,7 @@ def stack_of(
         try:
             form = {p.name: p for p in effect.form(entry.form, rows).parameters}
         except BadInputError as problem:
-            if thermometers:  # of which a form is by them all
+            if thermometers and effect.driven_by.endswith(RISE):  # a form is by all of those that there were
                 raise MissingConditionsError(entry.effect, thermometers) from problem
             raise model.fault(str(problem)) from problem
         for name, parameter in entry.parameters.items():

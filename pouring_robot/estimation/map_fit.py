@@ -47,7 +47,7 @@ def campaign_and_model(
         CampaignError, ModelFileError: a file of theirs is wrong.
     """
     if model is None and isinstance(campaign, Campaign) and campaign.robot.name != RobotModel().definition.name:
-        model = RobotModel.for_robot(campaign.robot.path)
+        model = RobotModel.for_robot(campaign.robot)
     model = RobotModel.of(model)
     return Campaign.of(campaign, model.definition), model
 

@@ -40,6 +40,8 @@ class SearchOptions:
 
 DEFAULT_SEARCH = SearchOptions()
 CHANCE_DRAWS, CHANCE_SEED = 1000, 0
+_ROUNDING = 1e-13
+"""Of a column's own square, what is left of it beside workmanship that takes it up whole."""
 _BRANCH_BEHIND = 30.0
 _CATCHES_UP = 100.0
 """How far behind another explanation may be at first sight, in nats."""
@@ -58,11 +60,12 @@ def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float
     products through C for covariance, so that no residual has to be drawn.
     """
     problem, inner = null.problem, null.everything.gram.columns
-    lengths = np.sqrt(np.diag(inner))
-    lengths[lengths == 0.0] = 1.0
+    left, own = inner.diagonal(), problem.gram.columns.diagonal()
+    lengths = np.sqrt(np.where(left > _ROUNDING * own, left, 0.0))
+    inverse = np.divide(1.0, lengths, out=np.zeros(len(left)), where=lengths > 0.0)
     # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose; of
     # columns of one length, as the root of the longest's rounding may be more than the shortest.
-    squared, axes = eigen(inner / np.outer(lengths, lengths))
+    squared, axes = eigen(inner * np.outer(inverse, inverse))
     spread = lengths[:, None] * ((axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T)
     projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
     largest = np.zeros(draws)
@@ -85,9 +88,9 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
     (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
     """
-    current = _divided(_ascended(start.settled() if start else Hypothesis.nothing(problem), options), options)
+    current = _found(start.settled() if start else Hypothesis.nothing(problem), options)
     for _ in range(_MOST_REFUSED):
-        wrong = _incredible(current, options)
+        wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
@@ -95,8 +98,12 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         if impossible(current, worst, options):  # in any form
             refused = {item.key for item in problem.explanations if item.effect == current.items[worst].effect}
         rest = current.without_items(wrong)
-        current = _ascended(replace(rest, barred=rest.barred | refused), options)
+        current = _found(replace(rest, barred=rest.barred | refused), options)
     return current
+
+
+def _found(start: Hypothesis, options: SearchOptions) -> Hypothesis:
+    return _divided(_ascended(start, options), options)
 
 
 def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
@@ -145,10 +152,6 @@ def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) 
 def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
     return hypothesis.main_share(index) >= options.least_main_share
-
-
-def _incredible(hypothesis: Hypothesis, options: SearchOptions) -> list[int]:
-    return [k for k, item in enumerate(hypothesis.items) if item.cause and not credible(hypothesis, k, options)]
 
 
 def impossible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:

@@ -89,8 +89,8 @@ class ClosedChainMechanism:
         bodies = [self.shared_model.frames[self.frame_id(name)].parentJoint for name in loops.reported_frames]
         for name, body in zip(loops.reported_frames, bodies, strict=True):
             if body != bodies[0]:
-                said = f"tool frame '{name}' is not on the body of '{loops.reported_frames[0]}'"
-                raise DescriptionError(self._source, f"{said}; name frames that move with it, or another end_frame")
+                said = f"joints lie between '{loops.reported_frames[0]}' and the tool frame '{name}'"
+                raise DescriptionError(self._source, f"{said}; name frames fixed to it, or another end_frame")
         self._drive_ids, self._locked_ids = (
             tuple(self._declared(self.joint_id, name, f"'{name}' is not a moving joint of the robot") for name in names)
             for names in (loops.drives, loops.locked_joints)

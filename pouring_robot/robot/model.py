@@ -111,9 +111,12 @@ class RobotModel(StrictModel):
         return self
 
     @classmethod
-    def for_robot(cls, path: Path | str) -> RobotModel:
-        """Return the drawing of a robot, by its robot file."""
-        model = cls(robot=str(Path(path).absolute()))
+    def for_robot(cls, robot: RobotDefinition | Path | str) -> RobotModel:
+        """Return the drawing of a robot, or of its robot file."""
+        path = robot.path if isinstance(robot, RobotDefinition) else Path(robot)
+        model = cls(robot=str(path.absolute()))
+        if isinstance(robot, RobotDefinition):
+            model._defined = (model.robot_path, model.layout, model.layouts_path), robot
         model.definition  # noqa: B018 - what is wrong with the file is to be said now
         return model
 

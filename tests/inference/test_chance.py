@@ -59,6 +59,16 @@ def test_columns_that_are_far_longer_than_others_make_no_chance(rng):
     assert abs(beside - without) < 1.0
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_columns_that_workmanship_takes_up_whole_make_no_chance(seed):
+    """Of what is left of them, which is rounding, neither a negative square nor its sign is anything."""
+    rng = np.random.default_rng(seed)
+    usual = Workmanship("usual", 1e9 * rng.normal(size=(ROWS, 3)))
+    same = explanation("same", usual.columns @ rng.normal(size=(3, 4)))
+    built = problem(rng.normal(size=ROWS), [*library(rng, count=4), same], [usual])
+    assert 0.0 < by_chance(Hypothesis(built, (), (), (3,)), 0.01) < 5.0
+
+
 def test_the_larger_threshold_counts():
     assert SearchOptions(false_names=0.01, by_chance=2.0).least_evidence == pytest.approx(np.log(100.0))
     assert SearchOptions(false_names=0.01, by_chance=7.0).least_evidence == 7.0

@@ -300,7 +300,12 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
     ("old", "new", "says"),
     [
         ('lower="0" upper="1"', 'lower="1" upper="0"', "joint 'reach': limits 1 to 0 (m, rad); exchange them"),
-        ('lower="0"', 'lower="o"', "axes, limits and masses are numbers"),
+        (
+            'lower="0"',
+            'lower="o"',
+            "joint 'reach': could not convert string to float: 'o'; axes, limits and masses are",
+        ),
+        ('<link name="tip"/>', TIP.format("nan"), "link 'tip': a mass of nan kg"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
         ('<link name="tip"/>', TIP.format("-2"), "link 'tip': a mass of -2 kg"),
         ('<link name="tip"/>', TIP.format("two"), "axes, limits and masses are numbers"),

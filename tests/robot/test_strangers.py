@@ -5,10 +5,14 @@ import re
 import pytest
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import meshes_from, urdf_files
+from pouring_robot.robot.view.scene import drawn_robot
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 CODE = (
@@ -31,6 +35,7 @@ READS = (
     "<xacro:include filename='link.xml'/>",
     "<xacro:property name='a' value=\"${xacro.load_yaml('SECRET')}\"/><link name='${a}'/>",
 )
+SHAPES = ("visual", "collision")
 ENDLESS = (
     "<xacro:include filename='r.xacro'/>",
     "<xacro:macro name='m'><xacro:m/><xacro:m/></xacro:macro><xacro:m/>",
@@ -110,15 +115,40 @@ def test_an_absent_package_is_asked_for_on_one_line(folder):
     assert said.endswith(f"the package 'absent' is not there; name the folder that holds it in {FOLDERS_VARIABLE}")
     urdf = "<robot><link name='a'><mesh filename='package://absent/a.stl'/></link></robot>"
     assert '"package://absent/a.stl"' in meshes_from(urdf, folder)
+    (folder / "r.xacro").write_text(f"{HEAD}<gazebo>$(find absent)/a.yaml</gazebo></robot>", encoding="utf-8")
+    assert "package://absent/a.yaml" in run_xacro(folder / "r.xacro", {})  # nothing of it is read
 
 
-def test_meshes_of_one_name_from_two_folders_stay_two(folder):
-    meshes = [folder / kind / "link.stl" for kind in ("visual", "collision")]
+def test_pictures_ask_for_meshes_that_they_draw_and_for_no_others(folder):
+    """What collides is not drawn, and other texts name packages, too."""
+    visual, collision = (
+        f"<{kind}><geometry><mesh filename='package://absent/a.stl'/></geometry></{kind}>" for kind in SHAPES
+    )
+    for body, shown in ((collision + "<!-- package://absent/b.stl -->", True), (visual, False)):
+        turn = "<joint name='turn' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint>"
+        urdf = f"<robot name='r'><link name='a'>{body}</link><link name='b'/>{turn}</robot>"
+        mechanism = ClosedChainMechanism(urdf, LoopsFile(end_frame="b", drives=("turn",)))
+        bodies = bodies_at(mechanism.shared_model, [mechanism.neutral_configuration()])
+        if shown:
+            assert drawn_robot(mechanism, bodies, "r", "").name == "r"
+        else:
+            with pytest.raises(DescriptionError, match=f"package://absent/a.stl is not here.*{FOLDERS_VARIABLE}"):
+                drawn_robot(mechanism, bodies, "r", "")
+
+
+@pytest.mark.parametrize("name", ["..", "../..", "."])
+def test_no_package_lies_above(folder, name):
+    assert FOLDERS_VARIABLE in refused(folder, f"<xacro:include filename='$(find {name})/secret.xml'/>")
+
+
+def test_meshes_of_one_name_from_several_folders_stay_apart(folder):
+    meshes = [folder / kind / "link.stl" for kind in ("visual", "collision", "other")]
     for path in meshes:
         path.parent.mkdir()
         path.write_text(path.parent.name, encoding="utf-8")
     body = "".join(f"<{path.parent.name}><mesh filename='{path}'/></{path.parent.name}>" for path in meshes)
     files = urdf_files(f"<robot name='r'><link name='a'>{body}</link></robot>", folder / "out")
+    assert all(file.is_relative_to(folder / "out") for file in files)
     for path in meshes:
         address = re.search(f"<{path.parent.name}><mesh filename=.([^'\"]+)", files[folder / "out" / "r.urdf"].decode())
         assert files[folder / "out" / address[1]] == path.parent.name.encode()

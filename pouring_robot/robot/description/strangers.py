@@ -54,9 +54,9 @@ def package(name: str, folder: Path) -> Path:
     """
     above = Path(os.path.realpath(folder)).parent
     named = map(Path, filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)))
-    for place in (above, *named):
+    for place in (above, *(place.resolve() for place in named)):
         for found in (place, place / name):
-            if found.name == name and found.is_dir():
+            if found.name == name != ".." and found.is_dir():
                 return found.resolve()
     problem = f"the package '{name}' is not there; name the folder that holds it in {FOLDERS_VARIABLE}"
     raise DescriptionError(folder, problem)
@@ -74,10 +74,14 @@ def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
         return evaluate(expression, *names)
 
     def opened(path: str) -> IO[str]:
+        if absent := re.search("package://([^/]+)", path):
+            package(absent[1], folder)
         return readable(Path.cwd() / path, folder, also).open(encoding="utf-8")
 
     def found(name: str) -> str:
-        return str(package(name, folder))
+        with contextlib.suppress(DescriptionError):  # it is asked for where something of it is read
+            return str(package(name, folder))
+        return f"package://{name}"
 
     stand_ins = [(xacro, "safe_eval", careful), (xacro, "open", opened), (xacro.substitution_args, "_eval_find", found)]
     for name, said in _REFUSED.items():

@@ -8,7 +8,7 @@ DescriptionError.
 
 import contextlib
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -109,25 +109,26 @@ def joint_limits(joint: etree._Element) -> tuple[float, float]:
 
 def check_sound(root: etree._Element, source: Path | str) -> None:
     """Refuse what readers take without a word: axes of no length, limits the wrong way round, negative masses."""
-    try:
-        problem = next(_unsound(root), None)
-    except ValueError as error:
-        problem = f"{error}; axes, limits and masses are numbers"
-    if problem:
-        raise DescriptionError(source, problem)
+    for part in root.iterfind("*"):
+        try:
+            fault = _fault(part)
+        except ValueError as error:
+            fault = f"{error}; axes, limits and masses are numbers"
+        if fault:
+            raise DescriptionError(source, f"{part.tag} '{part.get('name')}': {fault}")
 
 
-def _unsound(root: etree._Element) -> Iterator[str]:
-    for joint in root.iterfind("joint"):
-        name, kind, axis, (lower, upper) = joint.get("name"), joint.get("type"), joint_axis(joint), joint_limits(joint)
+def _fault(part: etree._Element) -> str:
+    if part.tag == "joint":
+        kind, axis, (lower, upper) = part.get("type"), joint_axis(part), joint_limits(part)
         if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
-            yield f"joint '{name}' has no direction; give its axis three numbers, not all zero"
+            return "it has no direction; give its axis three numbers, not all zero"
         if kind in ("revolute", "prismatic") and lower > upper:
-            yield f"joint '{name}': limits {lower:g} to {upper:g} (m, rad); exchange them"
-    for mass in root.iterfind("link/inertial/mass"):
-        if float(mass.get("value", "0")) < 0.0:
-            link = mass.getparent().getparent().get("name")
-            yield f"link '{link}': a mass of {mass.get('value')} kg; give one from 0 on"
+            return f"limits {lower:g} to {upper:g} (m, rad); exchange them"
+    mass = part.find("inertial/mass") if part.tag == "link" else None
+    if mass is not None and not float(mass.get("value", "0")) >= 0.0:
+        return f"a mass of {mass.get('value')} kg; give one from 0 on"
+    return ""
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | str = "URDF") -> str:
@@ -189,8 +190,8 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
             continue  # of a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
         if source not in names:  # what is seen and what collides are often called alike, in two folders
-            longer = ("_".join(source.parts[-k:]) for k in itertools.count(1))
-            names[source] = next(name for name in longer if name not in names.values())
+            others = itertools.chain([source.name], (f"{k}_{source.name}" for k in itertools.count(2)))
+            names[source] = next(name for name in others if name not in names.values())
         try:
             files[folder / "meshes" / names[source]] = source.read_bytes()
         except OSError as error:
