@@ -248,11 +248,11 @@ class FrameChecks:
         def misfit(data: Comparison, rough: bool) -> float:
             return data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
 
-        found = _fitted(tried, misfit, most)
-        least, beyond = min((after for after, _ in found), default=0.0), {m: self._beyond(d).mean() for m, d in tried}
-        equal = [(after, mistake) for after, mistake in found if after <= _EQUAL * least]
-        fewest = min((beyond[mistake] for _, mistake in equal), default=0.0)
-        return _least([one for one in equal if beyond[one[1]] <= fewest + _SOME_BEYOND])
+        found, put_right = _fitted(tried, misfit, most), dict(tried)
+        least = min((after for after, _ in found), default=0.0)
+        beyond = {m: self._beyond(put_right[m]).mean() for after, m in found if after <= _EQUAL * least}
+        fewest = min(beyond.values(), default=0.0)
+        return _least([one for one in found if beyond.get(one[1], np.inf) <= fewest + _SOME_BEYOND])
 
     # --- rotations ---
 

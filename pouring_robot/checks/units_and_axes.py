@@ -240,11 +240,18 @@ def _scaled(data: Comparison, factor: float | FloatArray) -> Comparison:
     return dataclasses.replace(data, position_m=data.position_m * factor)
 
 
-def _drives_changed(campaign: Campaign, drawing: Drawing, code: FlagCode, message: str, change: FloatArray) -> Mistake:
-    """Return a mistake of drives; the right values are those given times a matrix."""
-    moved = np.flatnonzero((change != np.eye(len(change))).any(axis=0))
+def _drives_changed(
+    campaign: Campaign,
+    drawing: Drawing,
+    code: FlagCode,
+    message: str,
+    change: FloatArray,
+    shift: float | FloatArray = 0.0,
+) -> Mistake:
+    """Return a mistake of drives; the right values are those given times a matrix, and so much more."""
+    moved = np.flatnonzero((change != np.eye(len(change))).any(axis=0) | (np.asarray(shift) != 0.0))
     names = [campaign.robot.drives[k].column for k in moved]
-    return Mistake(code, message, names, lambda data: data.with_drives(drawing, lambda drives: drives @ change))
+    return Mistake(code, message, names, lambda data: data.with_drives(drawing, lambda drives: drives @ change + shift))
 
 
 def _drive_units(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
@@ -281,12 +288,7 @@ def _drive_zeros(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
                 f"column '{campaign.heading(drive.column)}' seems to count from another zero, where the joint stands "
                 f"at {math.degrees(zero):.6g}° (zero: {zero:.6g})"
             )
-            undo = functools.partial(_shifted, drawing=drawing, shift=shift)
-            yield Mistake(FlagCode.DRIVE_ZERO, message, [drive.column], undo)
-
-
-def _shifted(data: Comparison, drawing: Drawing, shift: FloatArray) -> Comparison | None:
-    return data.with_drives(drawing, lambda drives: drives + shift)
+            yield _drives_changed(campaign, drawing, FlagCode.DRIVE_ZERO, message, np.eye(len(drives)), shift)
 
 
 def reversed_words(campaign: Campaign, name: str) -> str:

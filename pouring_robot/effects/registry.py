@@ -145,15 +145,16 @@ def stack_of(
         missing = sources(effect.missing(rows), model.definition)
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
         missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
-        thermometers = tuple(heading for heading in lost if heading.endswith("_degC"))
-        if thermometers and missing and not any(h in lost or not h.endswith("_degC") for h in missing):
+        warmed = effect.driven_by.endswith(RISE)
+        thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
+        if thermometers and missing and not {*missing} & {*lost}:
             missing = thermometers  # any would do where it was learned: those that were there
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
             raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
         try:
             form = {p.name: p for p in effect.form(entry.form, rows).parameters}
         except BadInputError as problem:
-            if thermometers and effect.driven_by.endswith(RISE):  # a form is by all of those that there were
+            if thermometers:  # a form is by all of those that there were
                 raise MissingConditionsError(entry.effect, thermometers) from problem
             raise model.fault(str(problem)) from problem
         for name, parameter in entry.parameters.items():

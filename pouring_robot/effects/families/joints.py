@@ -111,8 +111,9 @@ class Placement(Family):
         """All places and axes, all of one kind, those of a single joint, or one of them, as a length of the drawing."""
         places, axes = place_parameters(conditions), axis_parameters(conditions)
         kinds = {"places": together(places), "axes": together(axes)}
+        every = kinds["places"] + kinds["axes"]
         kept = {name: found for name, found in kinds.items() if found}
-        both = {"all": kinds["places"] + kinds["axes"]} if len(kept) > 1 else {}
+        both = {"all": every} if len(kept) > 1 else {}
         alone = {f"{joint}_alone": found + axes.get(joint, ()) for joint, found in places.items()}
-        single = {f"{one.name}_alone": (one,) for one in self.workmanship(conditions)}
+        single = {f"{one.name}_alone": (one,) for one in every}
         return tuple(Form(name, found) for name, found in (both | kept | alone | single).items())

@@ -37,14 +37,19 @@ def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
     It may read from the folder above its own down, and the files ``also`` wherever they are.
     """
     target = Path(os.path.realpath(folder / path))
+    if any(target.is_relative_to(place.resolve()) for place in (*_folders(folder), *also)):
+        return target
+    problem = f"lies outside the folder above {folder}, and a description reads nothing there; put it beside the others"
+    raise DescriptionError(path, f"{problem}, or name its folder in {FOLDERS_VARIABLE}")
+
+
+def _folders(folder: Path) -> list[Path]:
+    """Return what a description in a folder may read: the one above it, and those that are named."""
     own = Path(os.path.realpath(folder))
     # A folder at the top of the disk does not open all of it.
     above = own if own.parent == Path(own.anchor) else own.parent
     named = filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep))
-    if any(target.is_relative_to(place.resolve()) for place in (above, *map(Path, named), *also)):
-        return target
-    problem = f"lies outside the folder above {folder}, and a description reads nothing there; put it beside the others"
-    raise DescriptionError(path, f"{problem}, or name its folder in {FOLDERS_VARIABLE}")
+    return [above, *(Path(place).resolve() for place in named)]
 
 
 def package(name: str, folder: Path) -> Path:
@@ -52,9 +57,7 @@ def package(name: str, folder: Path) -> Path:
 
     Raises DescriptionError where there is none of that name.
     """
-    above = Path(os.path.realpath(folder)).parent
-    named = map(Path, filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)))
-    for place in (above, *(place.resolve() for place in named)):
+    for place in _folders(folder):
         for found in (place, place / name):
             if found.name == name != ".." and found.is_dir():
                 return found.resolve()

@@ -154,6 +154,11 @@ def with_mesh_files(urdf: str) -> str:
     return urdf.replace(MESH_PACKAGE, (description_folder() / "meshes").as_posix())
 
 
+def _of_others(address: str) -> bool:
+    """Return whether a mesh lies in a package that is not ours."""
+    return address.startswith("package://") and not address.startswith(MESH_PACKAGE)
+
+
 def meshes_from(urdf: str, folder: Path) -> str:
     """Return the URDF with the addresses of meshes made absolute: of files, and of those in packages that are here."""
     if "<mesh" not in urdf:
@@ -163,7 +168,7 @@ def meshes_from(urdf: str, folder: Path) -> str:
         kind, _, address = mesh.get("filename", "").rpartition("://")
         if kind in ("", "file"):
             mesh.set("filename", str(readable(address, folder)))
-        elif kind == "package" and not mesh.get("filename").startswith(MESH_PACKAGE):
+        elif _of_others(mesh.get("filename")):
             with contextlib.suppress(DescriptionError):  # who only calculates needs none of them
                 name, _, rest = address.partition("/")
                 if (file := readable(package(name, folder) / rest, folder)).is_file():
@@ -186,7 +191,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     root = parsed(urdf)
     files, names = dict[Path, bytes | str](), dict[Path, str]()
     for mesh in root.iter("mesh"):
-        if (mesh.get("filename") or "").startswith("package://") and not mesh.get("filename").startswith(MESH_PACKAGE):
+        if _of_others(mesh.get("filename", "")):
             continue  # of a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
         if source not in names:  # what is seen and what collides are often called alike, in two folders

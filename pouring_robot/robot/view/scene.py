@@ -6,6 +6,7 @@ displacement from the same part of the nominal one enlarged, shift and rotation 
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +17,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
 from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
-from pouring_robot.robot.description.urdf import parsed, with_mesh_files
+from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.viewer import (
@@ -138,13 +139,13 @@ def drawn_robot(
 
     Raises DescriptionError where a mesh is not found.
     """
-    urdf = with_mesh_files(mechanism.tree_urdf)
-    for mesh in parsed(urdf).iterfind("link/visual/geometry/mesh"):
-        if mesh.get("filename", "").startswith("package://"):
-            absent = f"the mesh {mesh.get('filename')} is not here"
-            mend = f"name the folder that holds its package in {FOLDERS_VARIABLE}"
-            raise DescriptionError("robot description", f"{absent}; {mend}")
-    visual = visual_model(mechanism.shared_model, urdf)
+    try:
+        visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
+    except DescriptionError as problem:
+        if not (absent := re.search(r"package://\S+", str(problem))):
+            raise
+        said = f"the mesh {absent[0]} is not here; name the folder that holds its package in {FOLDERS_VARIABLE}"
+        raise DescriptionError("robot description", said) from problem
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
 
