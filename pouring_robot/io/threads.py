@@ -5,6 +5,7 @@ far longer than they work: a calibration of a second takes four on two busy core
 What is worth sharing is shared by samples (:mod:`pouring_robot.batch`) or by processes.
 """
 
+import functools
 import os
 import threading
 from collections.abc import Iterator
@@ -22,16 +23,22 @@ class _Shared:
     before: Any = None
 
 
+@functools.cache
+def _libraries() -> Any:
+    """Return what limits the BLAS of NumPy and of SciPy, found once: to look through all that is loaded takes milliseconds."""
+    import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's; what is not loaded is not limited)
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Keep the linear algebra to one thread inside a ``with`` block or a decorated function; may be nested."""
     with _Shared.lock:
         _Shared.callers += 1
         if _Shared.callers == 1:
-            import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's; what is not loaded is not limited)
-            from threadpoolctl import threadpool_limits
-
-            _Shared.before = threadpool_limits(limits=1, user_api="blas")
+            _Shared.before = _libraries().limit(limits=1, user_api="blas")
     try:
         yield
     finally:

@@ -30,7 +30,7 @@ _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _SEED = 20260722
 _STEPS = 20
-_SIFTED, _KEPT = 4, 6  # steps after which the 24 are sorted, and those of the least misfit that go on
+_SIFTED, _KEPT = 3, 4  # steps after which the 24 are sorted, and those of the least misfit that go on
 _CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
@@ -158,10 +158,10 @@ class _Form:
             gradient = back @ axes.reshape(3, 9).T
             seen = (along @ self.matrix).reshape(sets, starts, 3, 9)
             curvature = seen @ np.swapaxes(along.reshape(seen.shape), 2, 3)
-            size, frame = np.linalg.eigh(curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape))
-            # Downhill whatever the curvature's sign.
-            parts = np.einsum("ksia,ksi->ksa", frame, gradient) / np.maximum(np.abs(size), floor)
-            step = -np.einsum("ksia,ksa->ksi", frame, parts)
+            whole = curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape)
+            # Downhill: where the whole curvature bends the wrong way, by that of squares alone.
+            chosen = np.where(_definite(whole)[..., None, None], whole, curvature) + floor[..., None] * np.eye(3)
+            step = -np.linalg.solve(chosen, gradient[..., None])[..., 0]
             length = np.linalg.norm(step, axis=-1, keepdims=True)
             turn = rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
             flat = np.einsum("ksij,ksjl->ksil", rotation, turn).reshape(flat.shape)
@@ -191,3 +191,9 @@ class _Form:
         turned = np.einsum("nij,kj->kni", self.turns, flat, optimize=True) - inner_rotation.reshape(-1, 1, 9)
         misfit = misfit + np.sqrt(0.5) * self.arm * np.linalg.norm(turned, axis=2).sum(axis=1)
         return misfit, constants, inner, inner_rotation
+
+
+def _definite(matrices: FloatArray) -> NDArray[np.bool_]:
+    """Return which symmetric matrices (…, 3, 3) are positive definite, by their leading minors (Sylvester)."""
+    first, second = matrices[..., 0, 0], matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] ** 2
+    return np.asarray((first > 0.0) & (second > 0.0) & (np.linalg.det(matrices) > 0.0))
