@@ -7,6 +7,7 @@ import pytest
 
 from pouring_robot.campaign.plan import PosePlan, random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.diagnosis.report import export
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure
@@ -82,3 +83,9 @@ def repeated(as_built):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20240611)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Reports without pictures, which take longer than a search, for tests that look at other files."""
+    monkeypatch.setattr(export, "_plots", lambda _: [("none", "<svg/>")])

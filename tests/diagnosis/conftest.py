@@ -5,7 +5,6 @@ import functools
 import pytest
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.report import export
 from tests.diagnosis.hidden import HOT, NOTHING, campaign, stepped
 
 
@@ -35,9 +34,3 @@ def excluded(tmp_path_factory):
     """A step that only a drift could explain, which may not be named."""
     data = stepped(tmp_path_factory.mktemp("stepped"))
     return diagnose(data, options=DiagnosisOptions(exclude=("base_drift",)))
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Reports without pictures, which take longer than a search, for tests that look at other files."""
-    monkeypatch.setattr(export, "_plots", lambda _: [("none", "<svg/>")])

@@ -62,7 +62,7 @@ def folder(tmp_path, monkeypatch):
     [TOLD_TWICE, *((page,) for page in WITH_BLOCKS if page not in TOLD_TWICE)],
     ids=lambda pages: str(pages[0].relative_to(ROOT)),
 )
-def test_what_a_page_shows_is_what_happens(pages, folder, capfd, monkeypatch):
+def test_what_a_page_shows_is_what_happens(pages, folder, capfd, monkeypatch, undrawn):
     monkeypatch.setenv("COLUMNS", "120")
     names, printed = {}, {}
     for page in pages:

@@ -72,13 +72,16 @@ def rows_of(campaign, model):
     return CampaignRows(campaign, model, NOISE)
 
 
+SOME = slice(None, None, 3)
+"""Rows that are closed one at a time, which takes long, to be compared."""
 CROOKED = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
 
 
 @pytest.fixture(scope="module")
 def bare(bench):
-    """Where a crooked robot stands in the rows of the campaign, without effects."""
-    return places([robot_of(RobotModel(joint_placements=CROOKED))] * len(bench.campaign), bench.campaign.drives)
+    """Where a crooked robot stands in some rows of the campaign, without effects."""
+    drives = bench.campaign.drives[SOME]
+    return places([robot_of(RobotModel(joint_placements=CROOKED))] * len(drives), drives)
 
 
 @pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.id)
@@ -88,7 +91,8 @@ def test_a_robot_stands_where_the_diagnosis_closes_it(bench, bare, rng, kind):
     for form in {0, len(kind.forms(rows.conditions)) - 1}:
         model = model_with(rows, entry_of(kind, rows.conditions, rng, form), joint_placements=CROOKED)
         robots = robots_under(model, list(bench.campaign.drives), given_of(bench.campaign))
-        found, expected = places(robots, bench.campaign.drives), predicted(rows_of(bench.campaign, model))
+        found = places(robots[SOME], bench.campaign.drives[SOME])
+        expected = predicted(rows_of(bench.campaign, model))[SOME]
         assert np.abs(found[:, :3] - expected).max() <= 1e-7
         assert np.abs(found - bare).max() >= 1e-6, "the effect must do something in these rows"
 
