@@ -25,7 +25,7 @@ class _Shared:
 
 @functools.cache
 def _libraries() -> Any:
-    """Return what limits the BLAS of NumPy and of SciPy, found once: to look through all that is loaded takes milliseconds."""
+    """Return what limits the BLAS of NumPy and of SciPy; found once: to look for them takes long."""
     import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's; what is not loaded is not limited)
     from threadpoolctl import ThreadpoolController
 
