@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from pouring_robot.calibration import report
 from pouring_robot.campaign.plan import PosePlan, random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.diagnosis.report import export
@@ -87,5 +88,6 @@ def rng():
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Reports without pictures, which take longer than a search, for tests that look at other files."""
+    """Reports without pictures, which take as long as a search, for tests that look at other files."""
     monkeypatch.setattr(export, "_plots", lambda _: [("none", "<svg/>")])
+    monkeypatch.setattr(report, "plots", lambda _: [("none", "<svg/>")])

@@ -13,6 +13,7 @@ from pouring_robot.cli import app
 from pouring_robot.cli.app import main
 from tests.campaign.test_fuzz import damages, spoil
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 FUZZ = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"calibrated.yaml", "calibration.json", "loops.yaml", "pouring_robot.urdf", "report.html", "meshes"}
 
