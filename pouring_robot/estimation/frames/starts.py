@@ -30,7 +30,7 @@ _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _SEED = 20260722
 _STEPS = 20
-_SIFTED, _KEPT = 3, 4  # steps after which the 24 are sorted, and those of the least misfit that go on
+_KEPT = {1: 8, 3: 4}  # of the 24, how many of the least misfit go on after so many steps
 _CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
@@ -148,8 +148,9 @@ class _Form:
         floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
         flat = np.tile(Rotation.create_group("O").as_matrix().reshape(-1, 9), (sets, 1, 1))
         for steps in range(_STEPS):
-            if steps == _SIFTED:
-                flat = np.take_along_axis(flat, np.argsort(self._cost(flat), axis=1)[:, :_KEPT, None], axis=1)
+            if steps in _KEPT:
+                least = np.argsort(self._cost(flat), axis=1)[:, : _KEPT[steps], None]
+                flat = np.take_along_axis(flat, least, axis=1)
             starts = flat.shape[1]
             rotation = flat.reshape(sets, starts, 3, 3)
             slope = flat @ self.matrix - self.vector[:, None]
