@@ -37,8 +37,8 @@ EXPLAINED_SHARE = 0.85
 _EXACT = 1e-14
 
 
-def variance_inflation_factors(X: ArrayLike) -> FloatArray:
-    """Return the VIF of every set against all others together, shape (k,), each 1 or more; by statsmodels.
+def variance_inflation_factors(X: ArrayLike, some: slice = slice(None)) -> FloatArray:
+    """Return the VIF of every set, or of some, against all others together, shape (k,), 1 or more; by statsmodels.
 
     Infinite where the others tell a set exactly, which they always do with no more than k rows. A table of two sets
     gives the paper's VIF of a pair. X: sets as columns, shape (n, k), in any units.
@@ -55,7 +55,8 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
     with np.errstate(divide="ignore"), warnings.catch_warnings():
         # It warns of sets that the others tell exactly; they are told as infinite.
         warnings.simplefilter("ignore", UserWarning)
-        unexplained = 1.0 / np.array([variance_inflation_factor(with_constant, i + 1) for i in range(scaled.shape[1])])
+        asked = np.arange(1, with_constant.shape[1])[some]
+        unexplained = 1.0 / np.array([variance_inflation_factor(with_constant, i) for i in asked])
         return np.where(unexplained <= _EXACT, np.inf, np.maximum(1.0 / unexplained, 1.0))
 
 

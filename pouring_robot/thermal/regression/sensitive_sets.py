@@ -195,7 +195,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         chosen: list[int] = []
         for group in self.groups_:
             for i in group:
-                self.vif_[i] = variance_inflation_factors(sets[:, [*chosen, i]])[-1]
+                (self.vif_[i],) = variance_inflation_factors(sets[:, [*chosen, i]], slice(-1, None))
             passed = [i for i in group if self.vif_[i] < self.vif_limit] or group
             chosen.append(max(passed, key=lambda i: float(self.grey_degrees_[i])))
         self.sensitive_ = np.array(chosen)  # position of the chosen set of each group, shape (g,)
