@@ -1,5 +1,6 @@
 """What to measure next: the worth of a set is what closed forms say, and measuring it does tell the effects apart."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -203,6 +204,23 @@ def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path
     assert found.measurements and found.separations
     assert found.expected_nats > np.median(found.random_nats)
     assert all(s.first != s.second for s in found.separations)
+
+
+@pytest.mark.parametrize(
+    ("now", "more", "says"),
+    [(48.0, 0.9, "no measurement is needed"), (48.0, 3.5, "1 measurements to"), (2.0, 0.9, "1 measurements to")],
+)
+def test_measurements_that_add_nothing_to_what_is_known_are_not_listed(hot, monkeypatch, now, more, says):
+    """By the odds that the line itself gives for a yardstick: 3 nats."""
+    known = dataclasses.replace(hot.suggestion.separations[0], now_nats=now, expected_nats=more)
+    few = dataclasses.replace(
+        hot.suggestion, measurements=hot.suggestion.measurements[:1], separations=(known,), expected_nats=more
+    )
+    monkeypatch.setitem(vars(hot), "suggestion", few)
+    (line, *listed) = next_lines(hot)
+    assert line.startswith(says) and f" {more}" in line
+    assert bool(listed) == says.startswith("1")
+    assert f"{now:.0f} nats apart or more" in line or listed
 
 
 def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_path):

@@ -22,6 +22,7 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
+_TELLING_NATS = 3.0  # odds of 20
 
 
 def plain(name: str) -> str:
@@ -274,9 +275,15 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     more = f" and {len(pairs) - _SHOWN_PAIRS} more" if len(pairs) > _SHOWN_PAIRS else ""
     gain = suggestion.expected_nats
     by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
-    best = tells_most(diagnosis)
+    best, told = tells_most(diagnosis), f"{', '.join(pairs[:_SHOWN_PAIRS])}{more}"
+    now = min(s.now_nats for s in suggestion.separations)
+    if diagnosis.verdict == "named" and gain < _TELLING_NATS <= now:
+        return [
+            f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and {len(best)} "
+            f"measurements would add {gain:.1f} (3 nats: odds of 20)"
+        ]
     lines = [
-        f"{len(best)} measurements to tell {', '.join(pairs[:_SHOWN_PAIRS])}{more}: {gain:.1f} nats expected, "
+        f"{len(best)} measurements to tell {told}: {gain:.1f} nats expected, "
         f"{by_chance:.1f} from as many at random (3 nats: odds of 20); the best of them:"
     ]
     return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
