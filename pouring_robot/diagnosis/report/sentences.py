@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
-from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
@@ -22,7 +22,6 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
-_TELLING_NATS = 3.0  # odds of 20
 
 
 def plain(name: str) -> str:
@@ -273,18 +272,18 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
         return []
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
     more = f" and {len(pairs) - _SHOWN_PAIRS} more" if len(pairs) > _SHOWN_PAIRS else ""
-    gain = suggestion.expected_nats
-    by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
     best, told = tells_most(diagnosis), f"{', '.join(pairs[:_SHOWN_PAIRS])}{more}"
-    now = min(s.now_nats for s in suggestion.separations)
-    if diagnosis.verdict == "named" and gain < _TELLING_NATS <= now:
+    gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
+    odds = f"({LITTLE_NATS:g} nats: odds of 20)"
+    if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
         return [
             f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and {len(best)} "
-            f"measurements would add {gain:.1f} (3 nats: odds of 20)"
+            f"measurements would add {gain:.1f} {odds}"
         ]
+    by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
     lines = [
         f"{len(best)} measurements to tell {told}: {gain:.1f} nats expected, "
-        f"{by_chance:.1f} from as many at random (3 nats: odds of 20); the best of them:"
+        f"{by_chance:.1f} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
 

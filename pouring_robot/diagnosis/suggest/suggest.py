@@ -24,8 +24,9 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 MOST = 10
 RANDOM_SETS = 50
+LITTLE_NATS = 3.0
+"""Measurements that tell less tell little: odds of 20."""
 _CANDIDATES = 75
-_LITTLE_NATS = 3.0
 _OPEN = "measure where the two predict most apart: the poses listed"
 
 
@@ -184,7 +185,7 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
         _measurement(robot, possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order
     ]
     together = float(total(grown))
-    if together < _LITTLE_NATS:
+    if together < LITTLE_NATS:
         advice = (
             *advice,
             f"{len(measurements)} more measurements like these would tell little more: {together:.1f} nats",
