@@ -18,7 +18,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.processes import processes_of
+from pouring_robot.diagnosis.processes import processes_of, varied
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
@@ -248,6 +248,9 @@ class _Work:
             Thresholds(self.options.false_names),
             noise_known=known,
             unexplained=misfit,
+            varied=lambda effect: varied(
+                effect, diagnoser.added(hypothesis, effect, after.linear), rows.conditions, after.linear.row
+            ),
         )
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before

@@ -29,6 +29,8 @@ from pouring_robot.robot.description.definition import Drive
 
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
+_VARIED = 0.1
+"""Usual share by which the size of an effect varies; evidence is averaged over the same range about it."""
 DRIVES, SEEN = "drives", "seen place"
 CHANCE = "row, by chance"
 CONSTANT = "a constant"
@@ -137,6 +139,16 @@ def disagreements_of(places: Places) -> Iterator[Process]:
 def _without_mean(course: FloatArray) -> FloatArray:
     """Return what a condition changes, (n, k), beside a constant that has a process of its own."""
     return np.asarray(course - course.mean(axis=0))
+
+
+def varied(effect: str, part: FloatArray, given: Conditions, row: NDArray[np.intp]) -> Iterator[Process]:
+    """Yield how the size of what an effect adds to the whitened prediction, (m,), may vary with each condition."""
+    channel = Channel(effect, part, sums_of(row, len(given)))
+    for by, lengths in (*_of_one_condition(given), *_of_pose(given, _POSE_LENGTHS)):
+        sizes = {words: Part(channel, course).rms for words, course in lengths.items()}
+        varying = {words: _VARIED / size * lengths[words] for words, size in sizes.items() if size > 0.0}
+        if varying:
+            yield _moved(effect, by, [channel], varying)
 
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:

@@ -135,6 +135,12 @@ class Diagnoser:
         """Return every group of a hypothesis that has parameters, with their values."""
         return found_parameters(hypothesis, self.library.every_form)
 
+    def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> FloatArray:
+        """Return what an effect at work adds to the prediction to first order, whitened, (m,)."""
+        forms = [hypothesis.items[k].key for k in hypothesis.of_effect(effect)]
+        found = [one for key, group in self.parameters_of(hypothesis) if key in forms for one in group]
+        return self._signature(tuple(one.parameter for one in found), np.array([one.value for one in found]), linear)
+
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import functools
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,8 +13,11 @@ from scipy.special import expit, logsumexp, ndtri
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import credible
 
+Varied = Callable[[str], Iterable[Process]]
+"""Gives the processes by which the size of an effect that is at work may vary, by its id."""
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 
 
@@ -29,9 +33,9 @@ class Thresholds:
     # its least share of the largest named effect: below, it is that effect's form that is not quite the library's
     structure_share: float = 0.05
     alternative: float = 0.05  # least probability of an alternative
-    # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause"), and ...
+    # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause") must be worth, ...
     minor_share: float = 0.12
-    # ... worth less than this, in nats, corrects the other's form rather than being a cause of its own
+    # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
     minor_evidence: float = 25.0
 
     def least_evidence(self, tried: int) -> float:
@@ -121,6 +125,7 @@ def judge(
     *,
     noise_known: bool = True,
     unexplained: str = "",
+    varied: Varied = lambda effect: (),
 ) -> Judgement:
     """Return what may be said of a hypothesis, of the whole problem.
 
@@ -130,15 +135,15 @@ def judge(
         thresholds: when something counts.
         noise_known: whether the noise is that of the device, and not what is left over itself.
         unexplained: why something is unknown whatever is found here; "" if nothing is.
+        varied: how the size of each effect at work may vary; by default it does not.
     """
     left = discrepancy.structures()
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
-    named = [_cause(hypothesis, effect, thresholds) for effect in effects]
-    least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
-    large = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
+    own = _of_their_own(hypothesis, effects, varied, thresholds)
+    large = [_cause(hypothesis, effect, thresholds) for effect in own]
     remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
     causes = _above(large, [_added(hypothesis, cause.indices) for cause in large], remainder, thresholds)
-    minor = tuple(cause.effect for cause in named if cause not in causes)
+    minor = tuple(effect for effect in effects if effect not in {cause.effect for cause in causes})
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
@@ -173,6 +178,26 @@ def _above(causes: Sequence[Cause], adds: Sequence[float], remainder: float, thr
     """
     least = min(remainder, thresholds.minor_share * max(adds, default=0.0))
     return [cause for cause, added in zip(causes, adds, strict=True) if added >= least]
+
+
+def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied, thresholds: Thresholds) -> list[str]:
+    """Return the effects that do more than correct the form of a larger one.
+
+    What corrects it the larger one explains as well in its place, if its own size varies with some condition. A small
+    effect must do clearly more.
+    """
+    items = {effect: hypothesis.of_effect(effect) for effect in effects}
+    sizes = {effect: hypothesis.size(*indices) for effect, indices in items.items()}
+    varying = functools.cache(lambda effect: Discrepancy(hypothesis, varied(effect)))
+    kept: list[str] = []
+    for effect in sorted(effects, key=lambda effect: -sizes[effect]):
+        lead = min((-varying(larger).challenge(items[effect]).margin for larger in kept), default=np.inf)
+        least = thresholds.least_evidence(1)
+        if sizes[effect] <= thresholds.minor_share**2 * max(sizes.values()):
+            lead, least = min(lead, _evidence(hypothesis, items[effect])), thresholds.minor_evidence
+        if lead > least:
+            kept.append(effect)
+    return [effect for effect in effects if effect in kept]
 
 
 def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
@@ -211,7 +236,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     """Return an effect at work as a cause with its alternatives."""
     indices = hypothesis.of_effect(effect)
     main = max(indices, key=hypothesis.size)
-    evidence = hypothesis.log_evidence - hypothesis.without_items(indices).log_evidence
+    evidence = _evidence(hypothesis, indices)
     rivals = _rivals(hypothesis, indices)
     total = float(logsumexp([0.0, *rivals.values()]))
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
@@ -221,6 +246,11 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
     return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
+
+
+def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
+    """Return the log evidence for items against the best hypothesis without them, in nats."""
+    return hypothesis.log_evidence - hypothesis.without_items(indices).log_evidence
 
 
 def _chance(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:

@@ -79,6 +79,7 @@ CHOICES: dict[str, Callable[[], None]] = {
         hypotheses, "WORKMANSHIP_LEVELS", tuple(level for level in hypotheses.WORKMANSHIP_LEVELS if level < 1 / 20)
     ),
     "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
+    "what a larger cause does if its size varies is no cause": lambda: _put(diagnosing, "varied", lambda *_: []),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
     "effects that cancel are refused": lambda: _put(
         diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)

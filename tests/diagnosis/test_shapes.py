@@ -5,6 +5,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.processes import varied
 from pouring_robot.diagnosis.report.plots import plots, shape_of
 from tests.rig import Wanted, make_campaign, write_case
 
@@ -53,3 +54,22 @@ def test_it_is_drawn_beside_the_textbooks(core):
 def test_a_textbook_effect_has_no_shape_of_its_own(tmp_path):
     _, found = hidden(tmp_path, "c")
     assert [shape_of(found, effect) for effect in found.firm] == [None]
+
+
+def test_what_an_effect_adds_is_told_from_its_parameters_as_from_the_columns_of_the_search(core):
+    found = core[1]
+    state, hypothesis = found.diagnoser.found(found.hypothesis)
+    added = found.diagnoser.added(hypothesis, "leg_thermal_expansion", state.linear)
+    part = sum(hypothesis.part(k) for k in hypothesis.of_effect("leg_thermal_expansion"))
+    np.testing.assert_allclose(hypothesis.problem.nuisance.cleared(added), part, atol=1e-6 * np.abs(part).max())
+
+
+def test_its_size_may_vary_by_a_tenth_with_each_condition(core):
+    found = core[1]
+    row = found.after.fitted_rows.row
+    added = np.arange(1.0, len(row) + 1.0)
+    processes = list(varied("leg_thermal_expansion", added, found.rows.conditions, row))
+    assert {"time", "order", "leg temperatures", "pose", "side of approach"} <= {one.by for one in processes}
+    for (part,) in (parts for one in processes for parts in one.lengths.values()):
+        assert part.rms == pytest.approx(0.1)
+        np.testing.assert_array_equal(part.channel.column, added)

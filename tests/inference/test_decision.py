@@ -297,6 +297,25 @@ def test_an_effect_is_minor_below_its_share(part, named):
     assert effects(judge(sized(6.0, large), Left())) == (("large", "small") if named else ("large",))
 
 
+@pytest.mark.parametrize(
+    ("large", "ahead", "named"), [(100.0, 4.7, True), (100.0, 4.5, False), (400.0, 25.5, True), (400.0, 24.5, False)]
+)
+def test_what_a_larger_cause_does_as_well_if_its_size_varies_is_no_cause(large, ahead, named):
+    """Ahead by less than the accepted rate asks for (ln 100), or, where it is small, by less than 25 nats."""
+    varying = tilted(1, 2, amplitude_worth(worth(SURE) - ahead) / SURE)
+    judged = judge(
+        sized(SURE, large),
+        Left(),
+        varied=lambda effect: [Process.of_columns("size", "time", varying)] if effect == "large" else [],
+    )
+    assert (effects(judged), judged.minor) == ((("large", "small"), ()) if named else (("large",), ("small",)))
+
+
+def test_a_small_cause_does_not_do_what_a_larger_one_does():
+    judged = judge(sized(SURE, 100.0), Left(), varied=lambda effect: [Process.of_columns(effect, "time", axis(0))])
+    assert effects(judged) == ("large", "small")
+
+
 def test_a_doubtful_effect_alone_is_its_own_measure():
     assert effects(judge(fitted({0: 4.0}, [explanation("a", axis(0))]), Left())) == ("a",)
 

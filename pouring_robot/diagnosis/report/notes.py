@@ -111,9 +111,10 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
     minor, fitted = diagnosis.judgement.minor, diagnosis.hypothesis.effects
     beside = [effect for effect in minor if effect in fitted]
     passing = [effect for effect in minor if effect not in fitted]
-    lines = [f"fitted beside, but no causes, as they add too little: {', '.join(beside)}"] if beside else []
+    why = "as they add too little or what a larger cause does if its size varies"
+    lines = [f"fitted beside, but no causes, {why}: {', '.join(beside)}"] if beside else []
     if passing:
-        own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
+        own = f"left out of the model, {why}, and go by this campaign's own time or sessions"
         lines.append(f"{own}: {', '.join(passing)}")
     return lines
 
