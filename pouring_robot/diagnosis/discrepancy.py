@@ -39,7 +39,7 @@ class Discrepancy:
         scale, unit = self._in_unit
         said, axis = self.structure.process, "the tracker's " if self.component[-1] in "xyz" else ""
         text = (
-            f"{described(said.where, said.by)}: {self.structure.size:.1f} times the noise, mostly in {axis}"
+            f"{described(said.name)}: {self.structure.size:.1f} times the noise, mostly in {axis}"
             f"{self.component} ({self.rms / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
@@ -68,9 +68,10 @@ def discrepancies(diagnosis: Findings) -> list[Discrepancy]:
     return [_described(diagnosis, structure) for structure in diagnosis.judgement.remainder]
 
 
-def described(where: str, by: str) -> str:
-    """Return in words what moves, and what with."""
-    return f"{where}, different in every row" if by == CHANCE else f"{where} by {by}"
+def described(process: str) -> str:
+    """Return in words what moves, and what with, from the name of a process."""
+    where, _, by = process.partition(" by ")
+    return f"{where}, different in every row" if by == CHANCE else process
 
 
 def parts_by_row(diagnosis: Findings, structure: Summand) -> FloatArray:

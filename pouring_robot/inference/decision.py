@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
-from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
+from pouring_robot.inference.discrepancy import LARGER_NOISE, Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
@@ -88,6 +88,8 @@ class Judgement:
     thresholds: Thresholds = DEFAULT_THRESHOLDS  # by which it was judged
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
+    # how many times as large a noise would have to be to explain what is left as well as any process; 1 where none does
+    noise_factor: float = 1.0
 
     @property
     def names(self) -> bool:
@@ -96,11 +98,20 @@ class Judgement:
 
     @property
     def clear_structures(self) -> tuple[Structure, ...]:
-        """Structures that count, most evident first."""
+        """Structures that count, most evident first; none where a larger noise explains as well."""
+        if self.scatter:
+            return ()
         limits = self.thresholds
         largest = max((cause.size for cause in self.causes), default=0.0)
         least = max(limits.structure_size, limits.structure_share * largest)
         return tuple(s for s in self.structures if s.evidence > self.least_evidence and s.size > least)
+
+    @property
+    def scatter(self) -> str:
+        """What is left, in words, where a larger noise explains it as well as any process; "" where none does."""
+        if self.noise_factor == 1.0:
+            return ""
+        return f"what is left scatters from row to row, like a noise {self.noise_factor:.2g} times the stated one"
 
     @property
     def least_evidence(self) -> float:
@@ -146,6 +157,8 @@ def judge(
     minor = tuple(effect for effect in effects if effect not in {cause.effect for cause in causes})
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
+    if noise_known and (found.clear_structures or found.beaten):
+        found = _as_noise(hypothesis, discrepancy, found)
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
@@ -160,6 +173,23 @@ def judge(
         verdict = "group"
     rest = discrepancy.sum(found.least_evidence, _MOST_PARTS) if found.clear_structures else []
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
+
+
+def _as_noise(hypothesis: Hypothesis, discrepancy: Discrepancy, found: Judgement) -> Judgement:
+    """Return the same, told as a larger noise where no process explains what is left clearly better.
+
+    By how much a process is better than a cause shrinks with the variance of the noise, as squares of residuals do.
+    """
+    noise, least = discrepancy.noise(), found.thresholds.least_evidence(1)
+    best = max((structure.evidence for structure in found.structures), default=0.0)
+    if noise.evidence < found.least_evidence or noise.evidence < best - least:
+        return found
+    challenges = []
+    for cause, challenge in found.challenged:
+        process = Challenge(challenge.process, challenge.margin / noise.factor**2)
+        in_place = discrepancy.noise(cause.indices).evidence - hypothesis.worth(cause.indices)
+        challenges.append(max(process, Challenge(LARGER_NOISE, in_place), key=lambda one: one.margin))
+    return replace(found, noise_factor=noise.factor, challenges=tuple(challenges))
 
 
 def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:
@@ -209,7 +239,8 @@ def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
-    reasons = [
+    reasons = [found.scatter] if found.scatter else []
+    reasons += [
         f"what is left depends on something no effect explains: {clear.process.name} "
         f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"
         for clear in found.clear_structures[:1]

@@ -16,8 +16,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
+from pouring_robot.inference.evidence import LOG_SCALES, Beside, Gram, Places, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Part, Process, against, between
 from pouring_robot.mechanism.arrays import FloatArray
@@ -49,6 +50,20 @@ class Challenge:
 
     process: str  # its name
     margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
+
+
+LARGER_NOISE = "a larger noise"
+"""What challenges causes beside processes: scatter of all equations alike."""
+_FACTORS = 109
+"""So many are tried, finer than scales: it is said how large the noise would be."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A noise that is larger than it is said to be."""
+
+    factor: float  # how many times, at its most probable
+    evidence: float  # log evidence for it against the noise as it is said to be, averaged over factors, in nats
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +148,20 @@ class Discrepancy:
             if margin > best.margin and not effects & found.seen.process.same_as:
                 best = Challenge(found.name, margin)
         return best
+
+    def noise(self, indices: Sequence[int] = ()) -> Noise:
+        """Return what a larger noise would explain beside the hypothesis, or in the place of some of its items."""
+        hypothesis = self.hypothesis.without(indices)
+        problem, fitted = hypothesis.problem, hypothesis.everything
+        equations = len(problem.residual) - problem.nuisance.dof
+        weights = np.concatenate([np.zeros(0), *hypothesis.weights()])
+        factors = np.sqrt(1.0 + np.exp(2.0 * np.linspace(LOG_SCALES[0], LOG_SCALES[-1], _FACTORS)))
+        found = [
+            Beside(problem.gram.with_noise(factor, equations), fitted.places, weights).log_likelihood
+            for factor in factors.tolist()
+        ]
+        evidence = float(logsumexp(found)) - np.log(len(found)) - fitted.log_likelihood
+        return Noise(float(factors[int(np.argmax(found))]), float(evidence))
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

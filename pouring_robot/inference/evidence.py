@@ -102,6 +102,14 @@ class Gram:
             projected += stacked.T @ residual[some]
         return cls(inner, projected, float(residual @ residual))
 
+    def with_noise(self, factor: float, equations: int) -> Gram:
+        """Return the same where the noise of so many equations is so many times what it was."""
+        variance = factor**2
+        more = equations * float(np.log(variance))
+        return Gram(
+            self.columns / variance, self.projected / variance, self.squared / variance, self.log_determinant + more
+        )
+
 
 class Beside:
     """The same beside more groups of columns: a Schur complement.

@@ -359,3 +359,16 @@ def test_a_headline_says_where_workmanship_makes_more_of_the_gap(tmp_path):
     found = re.search(r"Workmanship makes more of the gap: all joints are off by about (\S+) mm and", told.headline)
     assert 0.5 <= float(found[1]) / 0.060 <= 2.0
     assert not [line for line in note_lines(told) if "workmanship" in line]  # once is enough
+
+
+def test_a_stated_noise_that_is_too_small_is_told_as_such(tmp_path):
+    data = campaign(tmp_path, NOTHING)
+    halves = {key: 0.5 * getattr(data.metadata, key) for key in ("sigma_position_m", "sigma_rotation_rad")}
+    stated = data.metadata.model_copy(update=halves)
+    found = diagnose(replace(data, metadata=stated))
+    factor = diagnosis_metrics(found, "model.yaml")["noise_factor"]
+    assert factor == pytest.approx(2.0, rel=0.1)
+    said = f"UNKNOWN: what is left scatters from row to row, like a noise {factor:.2g} times the stated one."
+    assert found.headline == said
+    assert any(line.startswith("measure some poses three times") for line in next_lines(found))
+    assert diagnosis_metrics(diagnose(data), "model.yaml")["noise_factor"] == 1.0

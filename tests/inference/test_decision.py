@@ -24,7 +24,7 @@ from pouring_robot.inference.decision import (
     without_minor,
     workmanship_cause,
 )
-from pouring_robot.inference.discrepancy import Challenge, Structure
+from pouring_robot.inference.discrepancy import LARGER_NOISE, Challenge, Noise, Structure
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
@@ -82,8 +82,9 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(self, structures=(), challenges=None, tried=1):
+    def __init__(self, structures=(), challenges=None, tried=1, noise=None):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
+        self._noise = noise or {}
         self.asked = []
 
     def __len__(self):
@@ -94,6 +95,9 @@ class Left:
 
     def challenge(self, indices):
         return self._challenges.get(indices, Challenge("", -np.inf))
+
+    def noise(self, indices=()):
+        return self._noise.get(indices, Noise(1.0, -np.inf))
 
     def sum(self, least_evidence, most):
         self.asked.append((least_evidence, most))
@@ -395,6 +399,42 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert judged.remainder == ("summand",)
     assert left.asked == [(pytest.approx(np.log(6 / 0.02)), 3)]
     assert (judged.tried, judged.thresholds) == (6, limits)
+
+
+@pytest.mark.parametrize(("behind", "told"), [(4.5, True), (4.7, False)])
+def test_a_larger_noise_is_told_where_no_process_explains_clearly_better(behind, told):
+    """By less than the accepted rate asks for, ln 100."""
+    left = Left([structure(50.0, 0.5)], noise={(): Noise(2.0, 50.0 - behind)})
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
+    assert (judged.verdict, judged.noise_factor, bool(judged.scatter)) == ("unknown", 2.0 if told else 1.0, told)
+    assert (judged.clear_structures, judged.remainder) == (
+        ((), ()) if told else (tuple(left.structures()), ("summand",))
+    )
+    assert ("noise 2 times the stated one" in judged.reasons[0]) == told
+
+
+def test_a_larger_noise_is_told_of_what_is_unknown_only():
+    """Stated noise that is a little small hides no cause, and is none."""
+    left = Left(noise={(): Noise(1.2, 500.0)})
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
+    assert (judged.verdict, judged.noise_factor) == ("named", 1.0)
+    unstated = judge(
+        fitted({0: SURE}, [explanation("a", axis(0))]),
+        Left([structure(9.0, 1.0)], noise=left._noise),
+        noise_known=False,
+    )
+    assert unstated.noise_factor == 1.0
+
+
+def test_a_cause_must_beat_a_larger_noise_and_processes_under_it():
+    noise = {(): Noise(3.0, 50.0), (0,): Noise(4.0, worth(SURE) + 30.0), (1,): Noise(3.0, 20.0)}
+    challenges = {(0,): Challenge("place by load", 3.0), (1,): Challenge("place by load", 27.0)}
+    judged = judge(sized(SURE, SURE), Left([structure(50.0, 0.5)], challenges, noise=noise))
+    assert judged.challenges == (
+        Challenge(LARGER_NOISE, pytest.approx(30.0)),
+        Challenge("place by load", pytest.approx(3.0)),
+    )
+    assert [*judged.beaten] == ["large"]
 
 
 def test_unclear_structure_is_not_described():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
@@ -157,3 +158,20 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     assert margins[0].margin < 0.0
     assert margins[1].margin > 5.0
     assert margins[1].process == "place by load"
+
+
+def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):
+    """Beside a cause, or in its place; the density is that of the coordinates across the free constant."""
+    cause = explanation("linear", rng.normal(size=(ROWS, 2)))
+    residual = 1.5 * rng.normal(size=ROWS) + cause.columns @ [2.0, -1.0] + 7.0
+    built = problem(residual, [cause], free=CONSTANT)
+    hypothesis = Hypothesis(built, built.explanations, (Scale(0.5),), ())
+    across = np.linalg.qr(CONSTANT, mode="complete")[0][:, 1:].T
+    seen, columns = across @ residual, across @ cause.columns
+    factors = np.sqrt(1.0 + np.logspace(-4.0, 2.0, 400))
+    for indices, covariance in (((), 0.25 * columns @ columns.T), ((0,), np.zeros((ROWS - 1, ROWS - 1)))):
+        found = Discrepancy(hypothesis, []).noise(indices)
+        unit = np.eye(ROWS - 1)
+        density = [multivariate_normal(cov=f**2 * unit + covariance).logpdf(seen) for f in (1.0, *factors)]
+        assert found.evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
+        assert found.factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)

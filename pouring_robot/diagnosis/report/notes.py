@@ -82,8 +82,8 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "of model.yaml under what --condition or columns beside their poses say"
         )
     told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
-    by = {item.process.by for item in diagnosis.judgement.remainder}
-    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
+    by, scatter = {item.process.by for item in diagnosis.judgement.remainder}, diagnosis.judgement.scatter
+    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE} or scatter:
         told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code is FlagCode.MEASUREMENT_JUMP]

@@ -325,7 +325,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
         table = parts_by_row(diagnosis, first.structure)
         worst = next(k for k in range(table.shape[1]) if component_name(k) == first.component)
         values = table[:, worst] / diagnosis.rows.measured.sigma[worst]
-        words = described(first.structure.process.where, first.structure.process.by)
+        words = described(first.structure.process.name)
         left.plot(place[shown], values[shown], "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)
     left.set(xlabel="rows in order of time", ylabel="residual / noise")

@@ -50,7 +50,8 @@ def headline(diagnosis: Conclusions) -> str:
         if diagnosis.misfit:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
-        return f"UNKNOWN: something moves the {moved} that no effect of the library explains.{besides}"
+        said = diagnosis.judgement.scatter or f"something moves the {moved} that no effect of the library explains"
+        return f"UNKNOWN: {said}.{besides}"
     names = _names(diagnosis.firm)
     # Who reads one sentence must not take the causes for the gap where joints make more of it.
     mostly = ""
@@ -182,12 +183,11 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     names = {e.cause.effect for e in diagnosis.nearest}
     for cause, found in diagnosis.judgement.challenged:
         if cause.effect in names:
-            beaten.setdefault(described(*found.process.split(" by ", 1)), []).append(cause.effect)
+            beaten.setdefault(described(found.process), []).append(cause.effect)
     for better, effects in beaten.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
         lines.append(f"{', '.join(effects)} {are} but not it: '{better}' describes the data better")
-    if diagnosis.misfit:
-        lines.insert(0, diagnosis.misfit)
+    lines[:0] = [line for line in (diagnosis.misfit, diagnosis.judgement.scatter) if line]
     return lines or list(diagnosis.judgement.reasons)
 
 
@@ -245,17 +245,11 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     elif verdict == "unknown":
         if diagnosis.untestable:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
-        by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
-        lines.append(
-            f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; "
-            "register it as an effect of your own, or measure what it may depend on as a column"
-            if by
-            else "measure the same poses again under other conditions: what changes tells what it depends on"
-        )
+        lines.append(_where_to_look(diagnosis))
     if verdict == "no_gap":
         hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
         lines += [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
-    else:
+    elif not diagnosis.judgement.scatter:
         lines += _measurement_lines(diagnosis)
     if diagnosis.noise.from_residuals:
         lines.append(
@@ -264,6 +258,21 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.held_out is None:
         lines.append("measure more poses, so that some can be held out as a check")
     return lines
+
+
+def _where_to_look(diagnosis: Conclusions) -> str:
+    if diagnosis.judgement.scatter:
+        return (
+            "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
+            "is (metrology in the YAML); if not, something that changes from row to row is missing"
+        )
+    by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
+    if not by:
+        return "measure the same poses again under other conditions: what changes tells what it depends on"
+    return (
+        f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; register it as an effect of your own, or "
+        "measure what it may depend on as a column"
+    )
 
 
 def _measurement_lines(diagnosis: Conclusions) -> list[str]:
