@@ -206,9 +206,13 @@ class UnreachablePoseError(NoSolutionError):
         self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
         factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
         self.excess = lower - value if value < lower else value - upper
+        # Two digits of what is beyond, and as many decimals of what it is the difference of.
+        small = 0.0 < self.excess * factor < 0.1
+        digits = 1 - math.floor(math.log10(self.excess * factor)) if small else 2
+        at, beyond, least, most = (f"{number * factor:.{digits}f}" for number in (value, self.excess, lower, upper))
         super().__init__(
-            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {shown}, "
-            f"{self.excess * factor:.2f} {shown} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {shown}"
+            f"the pose is out of reach: joint '{joint}' would stand at {at} {shown}, "
+            f"{beyond} {shown} beyond its limits {least} to {most} {shown}"
         )
 
 

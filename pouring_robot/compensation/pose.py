@@ -313,10 +313,17 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     ranks = bring(robot.nominal_solver, robot.close_nominal, target, here, wanted.nominal.configuration).ranks
     found = bring(solver, robot.close_actual, target, here, wanted.actual.configuration, ranks)
     drives = dict(zip(wanted.drives, found.drives.tolist(), strict=True))
-    left = PoseDifference.between(nominal, found.result.pose(wanted.loops.base_frame, frame))
+    result = found.result
+    left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
     if not found.settled:
         raise CompensationError(wanted.command, left.distance_m, left.angle_rad)
-    refuse_beyond(joint_reach(solver.mechanism, found.result.joint_values | drives))
+    reach = joint_reach(solver.mechanism, result.joint_values | drives)
+    refuse_beyond(reach)
+    if over := {one.joint: one.inside for one in reach if one.joint in drives and one.margin < 0.0}:
+        # By round-off: a controller takes what stands on the limit, and what is left is said of that.
+        drives |= over
+        result = robot.close_actual(np.array(list(drives.values())), result.configuration)
+        left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
     definition = robot.model.definition
     axes = definition.drive_axes(robot.nominal_solver.mechanism)
     columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}

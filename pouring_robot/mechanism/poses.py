@@ -13,6 +13,9 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 MM = 1e-3
 MRAD = 1e-3
+ROUND_OFF = 1e-9
+"""Joint values are known to this, in m or rad: shorter steps of closures and of Newton are round-off, if they no longer
+shrink. What stands beyond a limit by no more stands on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,16 @@ class JointReach:
         """The margin as a share of the joint's range, so that lengths and angles compare."""
         return self.margin / (self.upper - self.lower)
 
+    @property
+    def beyond(self) -> bool:
+        """Whether it stands beyond a limit, and by more than round-off."""
+        return self.margin < -ROUND_OFF
+
+    @property
+    def inside(self) -> float:
+        """Where it stands, or the limit that it stands beyond."""
+        return min(max(self.value, self.lower), self.upper)
+
 
 def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
     """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
@@ -97,6 +110,6 @@ def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) ->
 
 def refuse_beyond(reaches: Sequence[JointReach]) -> None:
     """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
-    for worst in reaches[:1]:
-        if worst.margin < 0.0:
+    for worst in reaches:
+        if worst.beyond:
             raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

@@ -12,6 +12,7 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
+from pouring_robot.mechanism.poses import ROUND_OFF
 
 _KEPT = 4
 
@@ -69,7 +70,7 @@ class HomeDrawing:
         within = np.asarray(np.isfinite(start.position).all(axis=1))
         for name, (lower, upper) in limits.items():
             if name in values and name not in self.mechanism.loops.locked_joints:
-                within &= (values[name] >= lower) & (values[name] <= upper)
+                within &= (values[name] >= lower - ROUND_OFF) & (values[name] <= upper + ROUND_OFF)
         return within
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:

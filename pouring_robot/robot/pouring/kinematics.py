@@ -16,7 +16,7 @@ from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import MM, ROUND_OFF, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -103,7 +103,7 @@ class FourUPUKinematics:
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
         lower, upper = np.moveaxis(np.array([[self._limits[name] for name in chain] for chain in CHAIN_JOINTS]), -1, 0)
-        return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=(1, 2)))
+        return np.asarray(((joints >= lower - ROUND_OFF) & (joints <= upper + ROUND_OFF)).all(axis=(1, 2)))
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
         """Return where there is a closed pose with all joints within their limits, (n,)."""
