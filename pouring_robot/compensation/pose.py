@@ -9,13 +9,14 @@ to the lip.
 Any other robot is brought to where its drawing would stand, its place first, then its attitude.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.compensation.beside import bring_to
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
@@ -26,7 +27,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach,
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
-from pouring_robot.robot.inverse import Target, bring, limited
+from pouring_robot.robot.inverse import REACHED, Target, limited
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
@@ -265,22 +266,48 @@ class DriveCompensation(Result):
     columns: dict[str, CommandAxis]  # of a table of commands by drive, each with what it needs for the joint's value
     before: PoseDifference  # of the frame without compensation
     left: PoseDifference  # and with it: what the drives cannot cancel
+    # whether the drives command more beside the wanted pose than in it: those found then go further than elsewhere
+    singular: bool = False
+    kept: bool = False  # whether nothing better was found there, so that ``drives`` are those of the wanted pose
+
+    @property
+    def worse(self) -> dict[str, float]:
+        """What is further off with compensation than without, and by how much: position (m), attitude (rad)."""
+        more = {
+            "position": self.left.distance_m - self.before.distance_m,
+            "attitude": self.left.angle_rad - self.before.angle_rad,
+        }
+        return {name: size for name, size in more.items() if size > REACHED}
+
+    @property
+    def status(self) -> str:
+        """``reached``, ``nearest`` (the drives cannot cancel all) or ``kept``; then ``singular`` and what is worse."""
+        met = max(self.left.distance_m, self.left.angle_rad) < REACHED
+        words = ["kept" if self.kept else "reached" if met else "nearest"]
+        return ", ".join([*words, *["singular"] * self.singular, *(f"{name} worse" for name in self.worse)])
 
     @property
     def headline(self) -> str:
         """How far off the frame was and is, and what to command."""
+        if self.kept:
+            return (
+                f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off, "
+                "not compensated: the pose is singular and nothing better was found; the drives are kept: "
+                f"{', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
+            )
         return (
             f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off "
             f"without compensation, {self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with "
             f"it: {', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
         )
 
-    def row(self) -> dict[str, float]:
-        """Return what to command by column of a table of commands, and how far off the frame was and is."""
+    def row(self) -> dict[str, float | str]:
+        """Return what to command by column of a table of commands, how far off the frame was and is, and the status."""
         commands = {axis.heading: axis.shown(self.drives[name]) for name, axis in self.columns.items()}
         sizes = {"error_before": self.before, "error_left": self.left}
         figures = {f"{name}_mm": size.distance_m / MM for name, size in sizes.items()}
-        return commands | figures | {f"{name}_mrad": size.angle_rad / MRAD for name, size in sizes.items()}
+        figures |= {f"{name}_mrad": size.angle_rad / MRAD for name, size in sizes.items()}
+        return {**commands, **figures, "status": self.status}
 
     def _table(self) -> Any:
         return [self.row()]
@@ -294,11 +321,15 @@ class DriveCompensation(Result):
             "drives": joint_figures(mechanism, self.drives),
             "before": difference_figures(self.before),
             "left": difference_figures(self.left),
+            "status": self.status,
         }
 
 
 def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) -> DriveCompensation:
     """Return the drive values that bring the actual robot to a location of the drawing.
+
+    What its drives command there is cancelled, the place first. Where the location is singular they may have to go far
+    for that; where nothing better is found, those of the location are kept. ``status`` tells both.
 
     ``frame``: that shall be there; by default the one whose error counts.
 
@@ -307,30 +338,60 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
         NoSolutionError: a joint would pass its limits, no drive values are found, or the loops do not close on the way.
     """
     frame = frame or wanted.loops.working_frame
-    nominal, _ = wanted.poses(frame)
-    target = Target(nominal.translation, nominal.rotation, frame)
-    here, solver = np.array(list(wanted.drives.values())), robot.actual_solver
-    ranks = bring(robot.nominal_solver, robot.close_nominal, target, here, wanted.nominal.configuration).ranks
-    found = bring(solver, robot.close_actual, target, here, wanted.actual.configuration, ranks)
-    drives = dict(zip(wanted.drives, found.drives.tolist(), strict=True))
-    result = found.result
+    nominal, actual = wanted.poses(frame)
+    found, singular = bring_to(robot, wanted, Target(nominal.translation, nominal.rotation, frame))
+    definition, before = robot.model.definition, PoseDifference.between(nominal, actual)
+    axes = definition.drive_axes(robot.nominal_solver.mechanism)
+    columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}
+    if found is None:
+        return DriveCompensation(wanted, frame, wanted.drives, columns, before, before, singular, kept=True)
+    drives, result = dict(zip(wanted.drives, found.drives.tolist(), strict=True)), found.result
     left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
     if not found.settled:
         raise CompensationError(wanted.command, left.distance_m, left.angle_rad)
-    reach = joint_reach(solver.mechanism, result.joint_values | drives)
+    reach = joint_reach(robot.actual_solver.mechanism, result.joint_values | drives)
     refuse_beyond(reach)
     if over := {one.joint: one.inside for one in reach if one.joint in drives and one.margin < 0.0}:
         # By round-off: a controller takes what stands on the limit, and what is left is said of that.
         drives |= over
         result = robot.close_actual(np.array(list(drives.values())), result.configuration)
         left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
-    definition = robot.model.definition
-    axes = definition.drive_axes(robot.nominal_solver.mechanism)
-    columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}
-    return DriveCompensation(wanted, frame, drives, columns, wanted.difference(frame), left)
+    return DriveCompensation(wanted, frame, drives, columns, before, left, singular)
 
 
 def drives_csv(found: Iterable[DriveCompensation]) -> str:
     """Return one row a command as CSV; ``path`` reads the drives of it."""
     rows = [one.row() for one in found]
-    return csv_text(list(rows[0]), [[f"{value:.12g}" for value in row.values()] for row in rows])
+    shown = ([one if isinstance(one, str) else f"{one:.12g}" for one in row.values()] for row in rows)
+    return csv_text(list(rows[0]), shown)
+
+
+def drive_notes(found: Sequence[DriveCompensation]) -> list[str]:
+    """Return what one should know of commands before they are sent to a robot, a line each."""
+    notes, many = [], f"of {len(found)} poses"
+
+    def furthest(one: DriveCompensation) -> dict[str, float]:
+        """Return the drive of each unit that goes furthest from what it was, and how far, in m or rad."""
+        mechanism, by_unit = one.wanted.nominal.mechanism, dict[str, tuple[str, float]]()
+        for name, value in one.drives.items():
+            moved, unit = abs(value - one.wanted.drives[name]), mechanism.unit_of(name)
+            if moved > by_unit.get(unit, ("", REACHED))[1]:
+                by_unit[unit] = name, moved
+        return dict(by_unit.values())
+
+    if beside := [one for one in found if one.singular and not one.kept]:
+        far = max(beside, key=lambda one: max(furthest(one).values(), default=0.0))
+        by = " and ".join(drive_words(far.wanted.nominal.mechanism, furthest(far)))
+        notes.append(
+            f"singular (stretched out, or axes on one line): {len(beside)} {many}; what is commanded there is "
+            f"as far as {by} from what was wanted; look at it before the robot moves"
+        )
+    if kept := sum(one.kept for one in found):
+        notes.append(f"singular, and nothing better found: {kept} {many}, not compensated, their drives kept as given")
+    for what, unit, scale in (("position", "mm", MM), ("attitude", "mrad", MRAD)):
+        if worse := [one.worse[what] for one in found if what in one.worse]:
+            notes.append(
+                f"{what} further off with compensation than without: {len(worse)} {many}, by up to "
+                f"{max(worse) / scale:.2g} {unit}; the drives cannot cancel all, and the place comes first"
+            )
+    return notes

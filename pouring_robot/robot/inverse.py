@@ -51,6 +51,16 @@ class Reached:
     ranks: tuple[int, int]  # how many freedoms the drives command here: of the place, and of the attitude beside it
     settled: bool  # whether the last step moved nothing any more
 
+    @property
+    def met(self) -> bool:
+        """Whether nothing is missing."""
+        return bool(np.abs(self.left).max() < REACHED)
+
+    @property
+    def place_m(self) -> float:
+        """How far the place is missed, in m."""
+        return float(np.linalg.norm(self.left[:3]))
+
 
 def bring(
     solver: ClosureSolver,
@@ -88,8 +98,21 @@ def bring(
 
 def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
     """Return Newton steps of a mechanism's drives, (..., drives), none of them longer than 0.1 m and 0.3 rad."""
-    longest = [_LONGEST[mechanism.unit_of(name)] for name in mechanism.loops.drives]
+    longest = longest_steps(mechanism)
     return np.asarray(step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True)))
+
+
+def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
+    """Return the longest step of each drive of a mechanism, (drives,), in m and rad."""
+    return np.array([_LONGEST[mechanism.unit_of(name)] for name in mechanism.loops.drives])
+
+
+def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tuple[int, int]:
+    """Return how many freedoms of a target the drives command at a closure, as :attr:`Reached.ranks`."""
+    mechanism = solver.mechanism
+    frame = target.frame or str(mechanism.loops.end_frame)
+    matrix = closed_chain_transfer(solver, result, drive_parameters(mechanism), frame).matrix
+    return _step(matrix, np.zeros(6), target.rotation is not None, None)[1]
 
 
 def _step(

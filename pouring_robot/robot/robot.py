@@ -34,7 +34,7 @@ from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
+from pouring_robot.robot.inverse import Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_command_lines
@@ -260,7 +260,7 @@ class Robot:
         for drives, configuration in self._tries(target):
             try:
                 found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
-                if np.abs(found.left).max() >= REACHED:
+                if not found.met:
                     refusals.append(UnreachableTargetError(found.left, len(drives) - redundant, asked))
                     continue
                 refuse_beyond(self._reach(found.drives, found.result.within(self.model.definition.drawn_fit)))

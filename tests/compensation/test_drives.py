@@ -1,11 +1,13 @@
 """Compensation of any robot: what its drives command is cancelled, what is left is stationary."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from pouring_robot.compensation.pose import compensate_drives, drives_csv
+from pouring_robot.compensation.pose import compensate_drives, drive_notes, drives_csv
+from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
-from tests.robot.test_robot import commands, crooked
+from tests.robot.test_robot import ROBOTS, commands, crooked
 
 __all__ = ["crooked"]
 
@@ -22,6 +24,31 @@ def test_the_tool_comes_where_the_drawing_has_it(crooked):
     assert found.before.distance_m > 1e-5 > found.left.distance_m or plane == 2
     if len(found.drives) == 6:
         assert np.abs(found.left.rotation_rad).max() < 1e-9
+
+
+@pytest.mark.parametrize(("seed", "worse"), [(4, True), (5, False)])
+def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
+    """A delta only places: that its platform then turns further, or less, follows from its errors, drawn here."""
+    model, random = RobotModel.for_robot(ROBOTS / "delta" / "robot.yaml"), np.random.default_rng(seed)
+    placements = {
+        joint: JointPlacement(
+            translation_mm=tuple(random.uniform(-0.5, 0.5, 3).tolist()),
+            rotation_mrad=tuple(random.uniform(-0.5, 0.5, 3).tolist()),
+        )
+        for joint in dict.fromkeys(p.local.joint for p in Robot(model).parameters.parameters.values())
+    }
+    robot = Robot(model.model_copy(update={"joint_placements": placements}))
+    frame, found = robot.model.loops().working_frame, []
+    for drives in commands(robot, 4, seed=5):
+        one = compensate_drives(robot, robot.location_at(drives))
+        nominal, before = one.wanted.poses(frame)
+        after = robot.location_at(list(one.drives.values())).poses(frame)[1]
+        sizes = [np.linalg.norm(pin.log3(pose.rotation @ nominal.rotation.T)) for pose in (before, after)]
+        assert (sizes[1] > sizes[0]) == worse
+        assert one.status == ("nearest, attitude worse" if worse else "nearest")
+        found.append(one)
+    told = ["attitude further off with compensation than without: 4 of 4 poses, by up to "] if worse else []
+    assert [note[: len(told[0])] for note in drive_notes(found)] == told
 
 
 def test_commands_are_written_as_they_are_read(crooked, tmp_path):

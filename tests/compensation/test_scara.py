@@ -1,11 +1,13 @@
 """A SCARA whose forearm is 8 mm longer than drawn, against its closed form: on limits, and stretched out."""
 
+import csv
 import math
 
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.pose import compensate_drives
+from pouring_robot.cli.app import main
+from pouring_robot.compensation.pose import compensate_drives, drive_notes
 from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
@@ -74,3 +76,50 @@ def test_what_is_really_beyond_a_limit_is_refused_and_readable(files):
     with pytest.raises(UnreachablePoseError, match=why) as refused:
         compensate_drives(robot, wanted)
     assert refused.value.excess == pytest.approx(2.1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("slide", [0.0, 0.1])
+def test_stretched_out_it_bends_its_elbow(files, slide):
+    """Newton stands still there. The law of cosines says how far the elbow bends; both sides are as near."""
+    wanted = np.array([0.2, 0.0, slide, -0.1])
+    robot = built(files)
+    found = compensate_drives(robot, robot.location_at(wanted))
+    reach, forearm = UPPER + FOREARM, FOREARM + LONGER
+    bent = math.pi - math.acos((UPPER**2 + forearm**2 - reach**2) / (2 * UPPER * forearm))
+    assert abs(found.drives["j2"]) == pytest.approx(bent, abs=1e-7)
+    assert tool(found.drives.values(), LONGER) == pytest.approx(tool(wanted), abs=1e-9)
+    assert found.status == "reached, singular"
+    assert found.before.distance_m == pytest.approx(LONGER, abs=1e-12)
+
+
+def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
+    """The forearm is too short for the stretched pose; the line before is compensated, and the table is read again."""
+    robot = built(files, longer=-LONGER)
+    found = compensate_drives(robot, stretched := robot.location_at([0.2, 0.0, 0.1, 0.0]))
+    assert found.kept and found.status == "kept, singular"
+    assert found.drives == stretched.drives
+    assert found.left.distance_m == found.before.distance_m == pytest.approx(LONGER, abs=1e-12)
+    assert "not compensated" in found.headline
+    robot.model.save(tmp_path / "model.yaml")
+    (tmp_path / "path.csv").write_text("j1_rad,j2_rad,j3_m,j4_rad\n0.2,0.6,0.1,0\n0.2,0,0.1,0\n")
+    asked = ["compensate", str(tmp_path / "path.csv"), "--model", str(tmp_path / "model.yaml")]
+    assert main([*asked, "--out", str(tmp_path / "out.csv")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "singular, and nothing better found: 1 of 2 poses, not compensated, their drives kept as given" in said
+    with (tmp_path / "out.csv").open() as stream:
+        assert [row["status"] for row in csv.DictReader(stream)] == ["reached", "kept, singular"]
+    assert list(robot.read_commands(tmp_path / "out.csv").values())[1] == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-12)
+
+
+def test_what_no_drive_turns_back_is_said(files):
+    """A quill that leans: the tool is placed, stretched out as elsewhere; its lean, which no drive turns, is left."""
+    place = JointPlacement(translation_mm=(8.0, 0.0, 0.0), rotation_mrad=(0.5, 0.2, 0.0))
+    model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
+    robot = Robot(model)
+    found = [compensate_drives(robot, robot.location_at([0.2, bent, 0.1, 0.0])) for bent in (0.0, 0.7)]
+    for one, singular in zip(found, (", singular", ""), strict=True):
+        assert one.left.distance_m < 1e-9
+        assert one.left.angle_rad == pytest.approx(math.hypot(0.5e-3, 0.2e-3), rel=1e-3)
+        assert one.status == f"nearest{singular}"
+    (note,) = drive_notes(found)
+    assert note.startswith("singular (stretched out, or axes on one line): 1 of 2 poses; ")

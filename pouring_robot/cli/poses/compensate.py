@@ -215,7 +215,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
 
 def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: RobotUnderConditions | None) -> None:
     """Compensate a robot that is commanded by drive values."""
-    from pouring_robot.compensation.pose import compensate_drives, drives_csv
+    from pouring_robot.compensation.pose import compensate_drives, drive_notes, drives_csv
 
     def bring(command: Command, standing: Robot) -> DriveCompensation:
         return compensate_drives(standing, standing.location_of(command), asked.frame)
@@ -228,9 +228,9 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
         options.say(found[0].headline, style="bold")
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
-        rows = [[f"{value:.4f}" for value in one.row().values()] for one in found]
+        rows = [[v if isinstance(v, str) else f"{v:.4f}" for v in one.row().values()] for one in found]
         print_rows(head, rows, "drives to command; how far off without and with it")
-    options.print_notes(under.notes if under else ())
+    options.print_notes([*(under.notes if under else ()), *drive_notes(found)])
     if robot.model.is_drawing and under is None:
         options.print_notes(["the drawing needs no compensation; give --model"])
     options.print_written(written)
