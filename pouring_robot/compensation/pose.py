@@ -284,7 +284,7 @@ class DriveCompensation(Result):
         """``reached``, ``nearest`` (the drives cannot cancel all) or ``kept``; then ``singular`` and what is worse."""
         met = max(self.left.distance_m, self.left.angle_rad) < REACHED
         words = ["kept" if self.kept else "reached" if met else "nearest"]
-        return ", ".join([*words, *["singular"] * self.singular, *(f"{name} worse" for name in self.worse)])
+        return " + ".join([*words, *["singular"] * self.singular, *(f"{name} worse" for name in self.worse)])
 
     @property
     def headline(self) -> str:

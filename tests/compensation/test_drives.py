@@ -45,7 +45,7 @@ def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
         after = robot.location_at(list(one.drives.values())).poses(frame)[1]
         sizes = [np.linalg.norm(pin.log3(pose.rotation @ nominal.rotation.T)) for pose in (before, after)]
         assert (sizes[1] > sizes[0]) == worse
-        assert one.status == ("nearest, attitude worse" if worse else "nearest")
+        assert one.status == ("nearest + attitude worse" if worse else "nearest")
         found.append(one)
     told = ["attitude further off with compensation than without: 4 of 4 poses, by up to "] if worse else []
     assert [note[: len(told[0])] for note in drive_notes(found)] == told

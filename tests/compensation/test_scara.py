@@ -88,7 +88,7 @@ def test_stretched_out_it_bends_its_elbow(files, slide):
     bent = math.pi - math.acos((UPPER**2 + forearm**2 - reach**2) / (2 * UPPER * forearm))
     assert abs(found.drives["j2"]) == pytest.approx(bent, abs=1e-7)
     assert tool(found.drives.values(), LONGER) == pytest.approx(tool(wanted), abs=1e-9)
-    assert found.status == "reached, singular"
+    assert found.status == "reached + singular"
     assert found.before.distance_m == pytest.approx(LONGER, abs=1e-12)
 
 
@@ -96,7 +96,7 @@ def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
     """The forearm is too short for the stretched pose; the line before is compensated, and the table is read again."""
     robot = built(files, longer=-LONGER)
     found = compensate_drives(robot, stretched := robot.location_at([0.2, 0.0, 0.1, 0.0]))
-    assert found.kept and found.status == "kept, singular"
+    assert found.kept and found.status == "kept + singular"
     assert found.drives == stretched.drives
     assert found.left.distance_m == found.before.distance_m == pytest.approx(LONGER, abs=1e-12)
     assert "not compensated" in found.headline
@@ -107,7 +107,7 @@ def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "singular, and nothing better found: 1 of 2 poses, not compensated, their drives kept as given" in said
     with (tmp_path / "out.csv").open() as stream:
-        assert [row["status"] for row in csv.DictReader(stream)] == ["reached", "kept, singular"]
+        assert [row["status"] for row in csv.DictReader(stream)] == ["reached", "kept + singular"]
     assert list(robot.read_commands(tmp_path / "out.csv").values())[1] == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-12)
 
 
@@ -117,7 +117,7 @@ def test_what_no_drive_turns_back_is_said(files):
     model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
     robot = Robot(model)
     found = [compensate_drives(robot, robot.location_at([0.2, bent, 0.1, 0.0])) for bent in (0.0, 0.7)]
-    for one, singular in zip(found, (", singular", ""), strict=True):
+    for one, singular in zip(found, (" + singular", ""), strict=True):
         assert one.left.distance_m < 1e-9
         assert one.left.angle_rad == pytest.approx(math.hypot(0.5e-3, 0.2e-3), rel=1e-3)
         assert one.status == f"nearest{singular}"
