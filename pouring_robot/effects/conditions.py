@@ -26,7 +26,7 @@ from pouring_robot.robot.description.causes import Causes
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
-RISE, FORCE = "_rise_k", "_force"
+RISE, FORCE, LOAD = "_rise_k", "_force", "payload_kg"
 _TURNED, _STILL = 1e-9, 1e-6
 _TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)
 """Angles that are no further apart are in one arc."""
@@ -317,6 +317,15 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
         ladle_tare_kg=metadata.ladle_tare_kg,
         ladle_centre_of_mass_m=metadata.ladle_centre_of_mass_m,
     )
+
+
+def learned_ranges(learned: LearnedCampaign, robot: RobotDefinition) -> dict[str, tuple[float, float]]:
+    """Return over what effects were learned in a campaign, by heading in inner units.
+
+    Where the links' own weight counts, a load that the campaign did not say was taken to be none.
+    """
+    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and causes_of(robot).own_weight else {}
+    return assumed | learned.ranges
 
 
 def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:

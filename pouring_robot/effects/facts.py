@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
-from pouring_robot.effects.conditions import FORCE, RISE, Conditions
+from pouring_robot.effects.conditions import FORCE, LOAD, RISE, Conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -99,8 +99,8 @@ def _of_weight(causes: Causes, axis: Drawn) -> Facts:
     words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
     return Facts(
         axis,
-        sources=("payload_kg", *tare),
-        record="the load (payload_kg)" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
+        sources=(LOAD, *tare),
+        record=f"the load ({LOAD})" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
         vary=f"measure the same poses with the {words.moved} empty and full",
         least_spread=500.0,
         varied="weight_n",

@@ -17,7 +17,7 @@ from pouring_robot.batch.structure import Structure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
 from pouring_robot.effects.conditions import RISE, Conditions, NominalRows, condition_names, conditions_of, told
-from pouring_robot.effects.facts import known_facts, sources
+from pouring_robot.effects.facts import facts_of, known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
@@ -142,9 +142,9 @@ def stack_of(
         if entry.learned not in counted:
             counted[entry.learned] = conditions(learned)
         rows = counted[entry.learned]
-        missing = sources(effect.missing(rows), model.definition)
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
-        missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
+        also = [heading for heading in sources(_goes_by(effect, rows, given), model.definition) if heading in lost]
+        missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *also)))
         warmed = effect.driven_by.endswith(RISE)
         thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
         if thermometers and missing and not {*missing} & {*lost}:
@@ -209,6 +209,16 @@ def changes_by_stack(
         ) from problem
     local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
     return RowChanges.of(local, structure, len(campaign)), untold
+
+
+def _goes_by(effect: Effect, rows: Conditions, given: Collection[str]) -> tuple[str, ...]:
+    """Return conditions that an effect goes by where it was learned with them, though it can be worked out without.
+
+    The links' own weight alone makes forces on drives; where they are all measured nobody asks for the load.
+    """
+    forces = {column.canonical for column in rows.robot.condition_columns if column.kind in ("force", "moment")}
+    varied = () if forces <= {*given} else (facts_of(need, rows.robot).varied for need in effect.needs)
+    return (*effect.shaped_by, *filter(None, varied))
 
 
 def _is_known(parameter: EffectParameter) -> bool:

@@ -25,7 +25,7 @@ from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
-from pouring_robot.effects.conditions import Conditions, conditions_of, told
+from pouring_robot.effects.conditions import Conditions, conditions_of, learned_ranges, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects, local_changes, said_of_order, stack_of
@@ -218,18 +218,27 @@ class RobotUnderConditions:
             model = model.displaced(carried, {})
         return self.robot.built_as(model)
 
+    def _learned_over(self) -> dict[str, tuple[float, float]]:
+        """Return from where to where each drive and condition went where effects were learned, by heading."""
+        names = dict.fromkeys(entry.learned for entry in self.robot.model.effects if not entry.placed)
+        every = [learned_ranges(self.robot.model.learned[name], self.definition) for name in names]
+        found = dict[str, tuple[float, float]]()
+        for heading, (low, high) in (item for ranges in every for item in ranges.items()):
+            lowest, highest = found.get(heading, (low, high))
+            found[heading] = min(low, lowest), max(high, highest)
+        return found
+
     def _notes(self, told: Mapping[str, FloatArray]) -> tuple[str, ...]:
         """Return what one should know of drives and conditions, by heading, in a line each."""
         stack = [entry for entry in self.robot.model.effects if not entry.placed]
-        learned, known, lines = [self.robot.model.learned[e.learned] for e in stack], all_effects(self.definition), []
-        for heading, values in told.items():
-            ranges = np.array([one.ranges[heading] for one in learned if heading in one.ranges])
-            if ranges.size:
-                low, high = ranges[:, 0].min(), ranges[:, 1].max()
+        known, lines = all_effects(self.definition), []
+        for heading, (low, high) in self._learned_over().items():
+            if heading in told:
+                values = told[heading]
                 far = float(values[np.argmax(np.maximum(low - values, values - high))])
                 if max(low - far, far - high) > _SAME * (high - low):
-                    over = f"{low:.6g} to {high:.6g}, over which effects were learned"
-                    lines.append(f"{heading} {far:.6g} lies beyond {over}")
+                    over = f"{low:.6g} to {high:.6g}, over" if low < high else f"{low:.6g}, at"
+                    lines.append(f"{heading} {far:.6g} lies beyond {over} which effects were learned")
         seen = [entry.effect for entry in stack if not known[entry.effect].moves_robot]
         return (*lines, *(f"{effect} moves no robot: it is of the measuring device" for effect in seen))
 

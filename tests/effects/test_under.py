@@ -336,3 +336,49 @@ def test_a_virtual_measurement_is_not_without_what_the_model_learned():
     plan = random_plan(robot, 4, 1)
     with pytest.raises(BadInputError, match="depends on the plan's conditions: give robots=robots_under"):
         simulate_campaign(robot, plan)
+
+
+def taught_arm(effect, form, parameter, loads):
+    """Return an arm that learned one parameter of an effect, in two rows with loads or (None) without, and its home."""
+    from pouring_robot.effects.examples import complete_conditions
+
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
+    home, kind = model.definition.home_drives, all_effects(model.definition)[effect]
+    conditions = complete_conditions(model.definition, 2)
+    (found,) = (p for f in kind.forms(conditions) if f.name == form for p in f.parameters if p.name == parameter)
+    given = {} if loads is None else {"payload_kg": loads}
+    rows = RobotUnderConditions(robot_of(model), given)._rows(np.stack([home, home + 0.3]))
+    entry = EffectEntry(
+        effect=effect,
+        form=form,
+        learned="rows",
+        parameters={parameter: ParameterEntry(value=1.0, unit=found.unit)},
+    )
+    learned = {"rows": learned_in(rows, conditions)}
+    return model.model_copy(update={"effects": [entry], "learned": learned}), home
+
+
+def test_a_load_that_was_learned_is_not_taken_for_none():
+    """The links' own weight alone makes moments: what a robot does under them is not what it does under a load."""
+    spring = ("drive_compliance", "spring", "q2_yield")
+    model, home = taught_arm(*spring, [0.0, 10.0])
+    with pytest.raises(MissingConditionsError, match=r"'drive_compliance' needs payload_kg: .*payload_kg=VALUE"):
+        robots_under(model, [home], {})
+    light, heavy = (robots_under(model, [home], {"payload_kg": load})[0].model.drive_offsets for load in (0.0, 10.0))
+    assert light != heavy
+    unloaded, _ = taught_arm(*spring, None)
+    assert robots_under(unloaded, [home], {})[0].model.drive_offsets == light
+    measured = {f"{drive.force_column}_Nm": 1.0 for drive in model.definition.drives}
+    assert robots_under(model, [home], measured), "who measures what drives carry need not say what they lift"
+    waves, _ = taught_arm("joint_periodic", "turns", "q2_sine_1", [0.0, 10.0])
+    assert robots_under(waves, [home], {})  # no load changes them
+
+
+def test_a_load_beyond_none_is_said_where_a_campaign_had_none():
+    model, home = taught_arm("drive_compliance", "spring", "q2_yield", None)
+    said = {}
+    for load in (0.0, 20.0):
+        under = RobotUnderConditions(robot_of(model), {"payload_kg": load})
+        under.robots(np.array([home]))
+        said[load] = under.notes
+    assert said == {0.0: (), 20.0: ("payload_kg 20 lies beyond 0, at which effects were learned",)}

@@ -174,8 +174,7 @@ class Under:
 def say_idle(under: RobotUnderConditions, drives: FloatArray) -> None:
     """Say on standard error which conditions given by option change nothing at commands (n, drives), in m and rad."""
     if under.given and (idle := ", ".join(under.idle(drives))):  # without any there is nothing to close again for
-        same = f"without --condition {idle} the robot stands the same"
-        options.note(f"{same}: no effect of the model goes by it here")
+        options.note(f"without --condition {idle} the robot stands the same here")
 
 
 @contextlib.contextmanager
