@@ -128,6 +128,20 @@ def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rai
     assert RobotDefinition.load(again).loops == robot.model.definition.loops
 
 
+@pytest.mark.parametrize(
+    ("base", "travel", "says"),
+    [
+        ("hall", "rails", "travel 'rails' lies between base_frame 'hall' and end_frame 'hook'"),
+        ("bridge", "pan", "travel 'pan' lies between base_frame 'bridge' and a loop's 'wire_end'"),
+    ],
+)
+def test_a_travel_that_moves_the_robot_in_its_base_is_no_travel(gantry, base, travel, says):
+    text = GANTRY.replace("base_frame: bridge", f"base_frame: {base}").replace("[rails]", f"[{travel}]")
+    gantry.write_text(text, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=re.escape(f"{says}, and would be held at its home; make it a drive")):
+        RobotDefinition.load(gantry)
+
+
 def test_a_wire_that_measures_beside_a_travel_is_redundant(gantry):
     measured = GANTRY.replace("{joint: hoist}]", "{joint: hoist}, {joint: wire}]\nredundant_drives: true")
     gantry.write_text(measured, encoding="utf-8")

@@ -134,7 +134,8 @@ class RobotDefinition:
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
         # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
-        carrying = (joint for joint in file.travel if kinds[joint] != "fixed")
+        carrying = [joint for joint in file.travel if kinds[joint] != "fixed"]
+        self._check_travels(carrying, root)
         locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
         self.loops = self.loops.model_copy(update={"locked_joints": locked})
         frames = (*self._links, *kinds)
@@ -170,6 +171,18 @@ class RobotDefinition:
         if isinstance(file.loops, str):
             return load_loops(self.path.parent / file.loops).model_copy(update=said)
         return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
+
+    def _check_travels(self, travels: Iterable[str], root: etree._Element) -> None:
+        """Refuse what would be held at its home though it moves the end body, or a chain, and not the base alone."""
+        base, end = self.loops.base_frame, self.loops.end_frame
+        moved = [end, *(frame for loop in self.loops.loops for frame in (loop.frame_a, loop.frame_b))]
+        for frame in filter(None, moved):
+            between = {*carriers(root, base)}.symmetric_difference(carriers(root, frame))
+            for travel in travels:
+                if travel in between:
+                    what = "end_frame" if frame == end else "a loop's"
+                    problem = f"travel '{travel}' lies between base_frame '{base}' and {what} '{frame}'"
+                    raise DescriptionError(self.path, f"{problem}, and would be held at its home; make it a drive")
 
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
