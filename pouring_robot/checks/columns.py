@@ -178,12 +178,13 @@ def _approach(campaign: Campaign) -> Iterator[DataFlag]:
 def _time(campaign: Campaign) -> Iterator[DataFlag]:
     time, copies = _values(campaign, "time"), _copies(campaign)
     rows: list[int] = []
-    steps = 0
+    steps, backwards = 0, True
     for session in campaign.rows_by_session().values():
         members = np.setdiff1d(session[np.isfinite(time[session])], copies)
         highest = np.maximum.accumulate(time[members])
         rows += members[1:][time[members[1:]] <= highest[:-1]].tolist()
         steps += int((np.diff(time[members]) < 0.0).sum())
+        backwards &= bool((np.diff(time[members]) <= 0.0).all())
     if not rows:
         return
     figures = {"rows": float(len(rows)), "falls": float(steps)}
@@ -193,15 +194,22 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
         return
     # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
     by_time, by_row = _roughness(campaign, np.argsort(time, kind="stable")), _roughness(campaign, slice(None))
-    message = f"column '{campaign.heading('time')}' runs in no order, it falls {steps} times"
+    order = (
+        "falls from row to row: the newest row comes first"
+        if backwards
+        else f"runs in no order, it falls {steps} times"
+    )
+    message = f"column '{campaign.heading('time')}' {order}"
     if by_time < by_row:
         remedy = "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
         message += "; the temperatures run smoothly by it"
         told, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
         yield found(campaign, told, message, (), ["time"], figures, severity=severity, remedy=remedy)
         return
-    message += ", and is not that of the rows" + ("; the temperatures run smoothly by row" if by_row < by_time else "")
-    yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures)
+    message += "" if backwards else ", and is not that of the rows"
+    message += "; the temperatures run smoothly by row" if by_row < by_time else ""
+    remedy = "sort the rows by time, so that the oldest comes first" if backwards else ""
+    yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures, remedy=remedy)
 
 
 def _roughness(campaign: Campaign, order: Rows | slice) -> float:

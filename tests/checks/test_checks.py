@@ -351,6 +351,18 @@ def test_one_finding_names_what_is_mirrored(as_built, real, change, columns):
     assert flag.columns == columns
 
 
+def test_a_table_with_its_newest_row_first_is_to_be_sorted(drawing, clean):
+    """All rows of one moment do not fall, and one step that rises is an order of another kind."""
+    newest = clean.campaign.subset(np.argsort(clean.campaign.time_s, kind="stable")[::-1])
+    (flag,) = check_campaign(newest, drawing.kinematics)
+    assert (flag.code, flag.severity) == ("time_shuffled", "error")
+    assert "falls from row to row: the newest row comes first" in flag.message
+    assert flag.remedy.startswith("sort the rows by time")
+    swapped = newest.subset([1, 0, *range(2, len(newest))])
+    (other,) = check_campaign(swapped, drawing.kinematics)
+    assert "runs in no order, it falls" in other.message
+
+
 def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
     campaign = clean.campaign
     time = np.array(campaign.time_s)
