@@ -154,7 +154,14 @@ class RobotUnderConditions:
             raise
         self.notes = (*self._notes(given), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
-        return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
+        try:
+            return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
+        except BadInputError as problem:  # too large to be an error of a robot
+            if beyond := self._far_out(drives, given):
+                what, *_ = str(problem).partition("; ")  # no unit is wrong
+                mend = "stay within that, or measure there and diagnose again"
+                raise self.robot.model.fault(f"{beyond}; there {what}; {mend}") from problem
+            raise
 
     def idle(self, drives: FloatArray) -> tuple[str, ...]:
         """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""
@@ -218,6 +225,31 @@ class RobotUnderConditions:
             model = model.displaced(carried, {})
         return self.robot.built_as(model)
 
+    def _beyond(self, told: Mapping[str, FloatArray]) -> dict[str, str]:
+        """Return by heading, in a line each, the drives and conditions that lie beyond what was learned."""
+        lines = dict[str, str]()
+        for heading, (low, high) in self._learned_over().items():
+            if heading in told:
+                values = told[heading]
+                far = float(values[np.argmax(np.maximum(low - values, values - high))])
+                if max(low - far, far - high) > _SAME * (high - low):
+                    over = f"{low:.6g} to {high:.6g}, over" if low < high else f"{low:.6g}, at"
+                    lines[heading] = f"{heading} {far:.6g} lies beyond {over} which effects were learned"
+        return lines
+
+    def _far_out(self, drives: FloatArray, told: Mapping[str, FloatArray]) -> str:
+        """Return which conditions beyond what was learned are why there are no robots; "" where others are."""
+        beyond, ranges, nearer = self._beyond(told), self._learned_over(), copy.copy(self)
+        names = {q.name: q.canonical for q in self.definition.condition_columns if q.canonical in beyond}
+        if not names:
+            return ""
+        nearer.given = self.given | {name: np.clip(self.given[name], *ranges[names[name]]) for name in names}
+        try:
+            nearer.robots(drives)
+        except BadInputError:
+            return ""
+        return " and ".join(beyond[heading] for heading in names.values())
+
     def _learned_over(self) -> dict[str, tuple[float, float]]:
         """Return from where to where each drive and condition went where effects were learned, by heading."""
         names = dict.fromkeys(entry.learned for entry in self.robot.model.effects if not entry.placed)
@@ -231,16 +263,12 @@ class RobotUnderConditions:
     def _notes(self, told: Mapping[str, FloatArray]) -> tuple[str, ...]:
         """Return what one should know of drives and conditions, by heading, in a line each."""
         stack = [entry for entry in self.robot.model.effects if not entry.placed]
-        known, lines = all_effects(self.definition), []
-        for heading, (low, high) in self._learned_over().items():
-            if heading in told:
-                values = told[heading]
-                far = float(values[np.argmax(np.maximum(low - values, values - high))])
-                if max(low - far, far - high) > _SAME * (high - low):
-                    over = f"{low:.6g} to {high:.6g}, over" if low < high else f"{low:.6g}, at"
-                    lines.append(f"{heading} {far:.6g} lies beyond {over} which effects were learned")
+        known = all_effects(self.definition)
         seen = [entry.effect for entry in stack if not known[entry.effect].moves_robot]
-        return (*lines, *(f"{effect} moves no robot: it is of the measuring device" for effect in seen))
+        return (
+            *self._beyond(told).values(),
+            *(f"{effect} moves no robot: it is of the measuring device" for effect in seen),
+        )
 
 
 def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:

@@ -1,6 +1,7 @@
 """Effects that depend on conditions, put into the robot at any command: the same robot that a diagnosis closes."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -258,6 +259,22 @@ def test_beyond_what_was_learned_is_said(bench):
     last = bench.campaign.time_s.max()
     assert line.startswith("time_s 3.6e+06 lies beyond ")
     assert f"{last:.6g}, over which effects were learned" in line
+
+
+def test_what_lies_far_beyond_what_was_learned_is_named_where_it_makes_too_much(bench):
+    """A drift that is carried on for weeks moves the robot by metres: no unit is wrong then, unless it was before."""
+    rows = rows_of(bench.campaign, RobotModel())
+    said = []
+    for value in (1.0, 1e4):
+        drift = {"tx": ParameterEntry(value=value, unit="mm")}
+        entry = EffectEntry(effect="base_drift", form="steady", learned="bench", parameters=drift)
+        with pytest.raises(BadInputError) as problem:
+            robots_under(model_with(rows, entry), [bench.campaign.drives[0]], {"time_h": 10000.0})
+        said.append(str(problem.value))
+    last = bench.campaign.time_s.max()
+    assert re.fullmatch(rf"time_s 3.6e\+07 lies beyond .* to {last:.6g}, over which .*; there '.* mm is no .*", said[0])
+    assert "check the unit" not in said[0] and "measure there" in said[0] and "\n" not in said[0]
+    assert "check the unit" in said[1] and "lies beyond" not in said[1]
 
 
 COMPENSATED = ("leg_compliance", "drive_cyclic", "base_drift", "tilt_encoder_eccentricity", "leg_thermal_expansion")
