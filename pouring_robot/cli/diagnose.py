@@ -68,10 +68,12 @@ def diagnose(
 
 
 def _print(diagnosis: Diagnosis) -> None:
-    from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
+    from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections, worse_sentence
 
     options.say(headline(diagnosis), style="bold")
     options.say(gap_sentence(diagnosis))
+    if diagnosis.worse:
+        options.say(worse_sentence(diagnosis), style="bold")
     print_table(*gap_table(diagnosis), left=(0, 1))
     for heading, lines in sections(diagnosis):
         options.say(f"{heading}:", style="bold")

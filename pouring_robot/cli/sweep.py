@@ -36,6 +36,7 @@ def sweep(
     study = SweepConfig.load(config)
     plan = SweepPlan(study if robot is None else study.with_robot(robot))
     if plan.config.model is not None:
+        options.say_cautions(plan.model, plan.config.model)
         options.say_left_out(plan.model, plan.config.model)
     done, total = 0, 0
     with progress.stage_bars() as show:

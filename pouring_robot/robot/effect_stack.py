@@ -38,6 +38,8 @@ class LearnedCampaign(StrictModel):
     mean_span_m: list[float]  # mean distance of the joints at both ends of each drive, or value of one that turns
     # mean of the absolute force or moment on each drive, in N and Nm; empty: not known
     mean_force: list[pydantic.NonNegativeFloat] = pydantic.Field(default_factory=list)
+    # whether the model that was learned here was further from the held-out rows than the one before: not to be used
+    worse: bool = False
     # mean temperature above the reference, by thermometer
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds

@@ -225,6 +225,12 @@ class RobotModel(StrictModel):
         """The effects that depend on conditions, by id."""
         return tuple(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
 
+    def cautions(self, name: str = "the model") -> tuple[str, ...]:
+        """Return, in a line each, why the model called ``name`` is not to be used."""
+        worse = (campaign for campaign, learned in self.learned.items() if learned.worse)
+        said = "it is further from rows held out there than without: do not use it"
+        return tuple(f"{name} with what it learned in '{campaign}': {said}" for campaign in worse)
+
     def left_out(
         self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
     ) -> tuple[str, ...]:
@@ -241,8 +247,8 @@ class RobotModel(StrictModel):
         return tuple(lines)
 
     def warn_of_left_out(self, who: str, name: str = "the model") -> None:
-        """Warn whoever called the library of what ``who``, a part of it, leaves out; see :meth:`left_out`."""
-        lines, frame, level = self.left_out(who, name), sys._getframe(), 1
+        """Warn whoever called the library of what ``who``, a part of it, leaves out, and of :meth:`cautions`."""
+        lines, frame, level = (*self.cautions(name), *self.left_out(who, name)), sys._getframe(), 1
         while lines and frame.f_back and frame.f_globals.get("__name__", "").startswith("pouring_robot."):
             frame, level = frame.f_back, level + 1
         for line in lines:

@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.cli.app import _MODULES
 from pouring_robot.cli.shared.progress import time_left
-from tests.support import ACTUAL, ROOT
+from tests.support import ACTUAL, LEARNED, ROOT
 
 _COMMANDS = tuple(_MODULES)
 POSES, AT = ROOT / "examples" / "poses.csv", ["--at-mm", "-100", "20", "-600"]
@@ -21,6 +21,29 @@ def test_help_has_whole_summaries_in_the_order_of_use(run):
         "regress"
     )
     assert run("campaign", "simulate", "-h")[0] == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "pose {at} --condition payload_kg=200",
+        "path {poses} --condition payload_kg=200",
+        "compensate {at} --condition payload_kg=200",
+        "campaign simulate --out c.csv --random 2",
+        "thermal {at}",
+        "robots",
+        "export --out tree",
+    ],
+)
+def test_a_model_that_is_not_to_be_used_is_said_to_be(run, tmp_path, command):
+    """Its mark is noted on standard error by whatever takes it, once, and changes no exit code."""
+    model, text = tmp_path / "model.yaml", LEARNED.read_text(encoding="utf-8")
+    model.write_text(text.replace("    ranges:", "    worse: true\n    ranges:", 1), encoding="utf-8")
+    words = command.format(at=" ".join(AT), poses=POSES).split()
+    code, _, err = run(*words, "--model", model)
+    assert (code, err.count(f"note: {model} with what it learned in 'campaign': ")) == (0, 1)
+    assert ": do not use it\n" in err
+    assert "do not use it" not in run(*words, "--overwrite", "--model", LEARNED)[2]
 
 
 # Every option that names a file or folder to write; what stands in a folder is one of the files written there.

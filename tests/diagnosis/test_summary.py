@@ -10,12 +10,15 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode, found
+from pouring_robot.cli.diagnose import _print
+from pouring_robot.diagnosis.amend import marked_worse
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.notes import note_lines
+from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import (
     absent_sources,
     apart_lines,
@@ -36,6 +39,7 @@ from pouring_robot.exceptions import OutputError
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import measure
 from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign
 from tests.rig import Wanted, make_campaign, write_case
@@ -313,13 +317,32 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     assert repeated.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
 
 
-def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
+def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
     assert not hot.worse
     gap = hot.held_out
     diagnosis = replace(hot, held_out=replace(gap, before=gap.after, after=gap.before))
     assert diagnosis.worse
     assert any("do not use it" in line for line in note_lines(diagnosis))
-    assert described(diagnosis).description.startswith("Worse on held-out rows")
+    model = described(diagnosis)
+    assert model.description.startswith("Worse on held-out rows")
+    assert [learned.worse for learned in model.learned.values()] == [True]
+    assert not any(learned.worse for learned in described(hot).learned.values())
+    # Of effects that all stand still nothing else is learned that depends on the campaign.
+    placed = [entry.model_copy(update={"placed": True}) for entry in model.effects]
+    still = diagnosis.amended.model_copy(update={"effects": placed, "learned": {}})
+    assert [*marked_worse(diagnosis, still).learned] == [*model.learned]
+    written = model.save(tmp_path / "found.yaml")
+    (line,) = RobotModel.load(written).cautions(str(written))
+    (name,) = model.learned
+    assert line.startswith(f"{written} with what it learned in '{name}': ") and line.endswith(": do not use it")
+    assert described(hot).cautions() == ()
+    with pytest.warns(UserWarning) as told:
+        Robot(written)
+    assert "do not use it" in str(told[0].message)
+    _print(diagnosis)
+    said = capsys.readouterr().out
+    assert said.index("do not use this model") < said.index("fitted"), "before the table of the gap"
+    assert "do not use this model" in html_report(diagnosis, [("", "")])
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,10 @@ class Which:
         return self != Which()
 
     def read(self) -> RobotModel:
-        """Return the model of a model file, or the drawing of a robot file or of a layout."""
+        """Return the model of a model file, or the drawing of a robot file or of a layout.
+
+        A line on standard error says of a model why it is not to be used.
+        """
         from pouring_robot.robot.model import RobotModel
 
         given = [f"--{name}" for name, value in vars(self).items() if value]
@@ -49,7 +52,9 @@ class Which:
             raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
         if self.robot is not None:
             return RobotModel.for_robot(self.robot)
-        return RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)
+        model = RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)
+        options.say_cautions(model, self.model)
+        return model
 
     def built(self, *, warm: bool = False, under: bool = False) -> Robot:
         """Return the robot, cold and without what depends on conditions.

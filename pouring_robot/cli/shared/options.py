@@ -198,6 +198,12 @@ def refuse_conditional(robot: Robot, option: str) -> None:
         )
 
 
+def say_cautions(model: RobotModel, file: Path | str | None) -> None:
+    """Say on standard error why a model file is not to be used."""
+    for line in model.cautions(str(file)):
+        note(line)
+
+
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
     for line in model.left_out("this command", str(file), warm=warm, under=under):

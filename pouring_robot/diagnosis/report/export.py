@@ -7,11 +7,18 @@ from typing import Any
 import numpy as np
 
 from pouring_robot import __version__
+from pouring_robot.diagnosis.amend import marked_worse
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines
+from pouring_robot.diagnosis.report.sentences import (
+    absent_sources,
+    gap_sentence,
+    headline,
+    next_lines,
+    worse_sentence,
+)
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside
@@ -80,11 +87,12 @@ def _ladles(diagnosis: Conclusions, folder: Path) -> str:
 
 
 def described(diagnosis: Conclusions) -> RobotModel:
-    """Return the amended model with a description that says what was found and how good it is."""
-    model, present = diagnosis.amended, diagnosis.model.description
+    """Return the amended model with a description that says what was found and how good it is, marked if worse."""
+    present = diagnosis.model.description
+    model = marked_worse(diagnosis, diagnosis.amended) if diagnosis.worse else diagnosis.amended
     nearest = ", ".join(e.cause.effect for e in diagnosis.nearest)
     said = [
-        "Worse on held-out rows: do not use this model." if diagnosis.worse else "",
+        worse_sentence(diagnosis),
         headline(diagnosis),
         gap_sentence(diagnosis),
         f"{nearest} stand in for something unknown and are no cause." if nearest and not diagnosis.refused else "",

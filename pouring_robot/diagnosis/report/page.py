@@ -12,6 +12,7 @@ from pouring_robot.diagnosis.report.sentences import (
     plain,
     sections,
     tells_most,
+    worse_sentence,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
@@ -39,6 +40,7 @@ def html_report(
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),
         Paragraph(gap_sentence(diagnosis), "lead"),
+        *([Paragraph(worse_sentence(diagnosis), "lead")] if diagnosis.worse else []),
         Paragraph(_rows_used(diagnosis)),
         Heading("Gap before and after"),
         Paragraph(_ALL),

@@ -95,6 +95,11 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     return f"{text}{closed}.{_in_turn_text(diagnosis)}"
 
 
+def worse_sentence(diagnosis: Conclusions) -> str:
+    """Return that the amended model is not to be used; "" where it is no worse than the given one."""
+    return "Worse on held-out rows: do not use this model." if diagnosis.worse else ""
+
+
 def _in_turn_text(diagnosis: Conclusions) -> str:
     found = diagnosis.in_turn
     if found is None:

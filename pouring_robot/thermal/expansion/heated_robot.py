@@ -104,7 +104,8 @@ def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> d
 
 def drawing_of(robot: PouringRobot) -> PouringRobot:
     """Return the robot of the drawing of the same layout: no geometric errors, drive offsets or effects, no loads."""
-    nothing: dict[str, object] = {"joint_placements": {}, "drive_offsets": {}, "heat": None, "effects": []}
+    nothing: dict[str, object] = {"heat": None, "effects": []}
+    nothing |= {name: {} for name in ("joint_placements", "drive_offsets", "learned")}
     bare = robot.model.model_copy(update=nothing)
     return PouringRobot(bare, options=robot.actual_solver.options)
 
