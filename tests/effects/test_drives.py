@@ -1,9 +1,13 @@
 """Effects of the drives against the independent machine, and what their stories promise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pouring_robot.effects.families.drives import _PRESSING, Periodic
 from pouring_robot.inference.search import DEFAULT_SEARCH
+from pouring_robot.robot.description.definition import Drive
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
 from tests.support import round_off
@@ -171,3 +175,42 @@ def test_backlash_without_loads_has_no_load_parameters(bench):
     assert names[:4] == ["l1_play", "l2_play", "l3_play", "theta46_play"]
     assert not any("load" in name for name in names)
     assert any("load" in p.name for p in bench.form("drive_backlash", "both_sides").parameters)
+
+
+def test_the_scale_of_one_drive_alone_is_its_share_of_all(bench):
+    """Other leads, by the length: a single screw of another batch costs no parameters of the others."""
+    whole = {p.name: p for p in bench.form("drive_scale", "whole_length").parameters}
+    forms = {form.name: form for form in EFFECTS["drive_scale"].forms(bench.rows.conditions)}
+    alone = {name: form for name, form in forms.items() if name.endswith("_alone")}
+    assert len(alone) == 3
+    assert sorted(p.name for form in alone.values() for p in form.parameters) == sorted(whole)
+    for form in alone.values():
+        assert [p.main for p in form.parameters] == [True, False]
+        for p in form.parameters:
+            (own,) = p.changes
+            assert np.array_equal(p.changes[own], whole[p.name].changes[own])
+
+
+def test_a_force_that_presses_nowhere_is_no_form(bench):
+    """Free play is then dragged in all rows, which is both sides. Of a force that is even but for a row, little is."""
+    given = bench.rows.conditions
+    own = np.abs(given.drive_force).mean(axis=0)
+    usual = np.append(np.full(3, own[:3].mean()), own[3:])  # of alike screws, and of what turns
+    even = usual * np.sign(given.drive_force)
+    even[0] *= 1.03
+    for force in (given.drive_force, even):
+        forms = [form.name for form in EFFECTS["drive_backlash"].forms(replace(given, drive_force=force))]
+        largest = (np.abs(force) / usual).max()
+        pressed = [float(name.removeprefix("pressed_from_")) for name in forms if name.startswith("pressed")]
+        assert pressed == [share for share in _PRESSING if share < largest]
+    assert max(pressed) == 1.0
+
+
+def test_of_slides_those_without_a_screw_have_no_period():
+    """A linear motor beside two screws: neither is the campaign asked for its lead, nor does it wobble."""
+    screw, other = (Drive(name, name, "m", "angle", 0.01 / (2.0 * np.pi)) for name in "xz")
+    motor = Drive("y", "y", "m", "length")
+    given = {"sizes": (1.0, 0.2), "period": "pitch"}
+    effect = Periodic("drive_periodic", "", (screw, motor, other), **given)
+    assert (effect.needs, effect.drives) == ((), (screw, other))
+    assert Periodic("drive_periodic", "", (motor,), **given).needs == ("screw_pitch_m",)

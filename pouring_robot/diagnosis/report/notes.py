@@ -125,7 +125,9 @@ def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
     single = [item for item in found.problem.explanations if item.columns.shape[1] == 1]
     for index in (k for effect in diagnosis.effects for k in effect.cause.indices if found.items[k] in single):
         own, seen = found.items[index], found.size(index)
-        others = [item for item in single if item.effect == own.effect and item.key not in found.keys]
+        others = [
+            item for item in single if item.effect == own.effect and item.key not in found.keys and not item.one_of
+        ]
         alike = [item for item in others if seen - found.explained_by(item, (index,)) < hidden]
         if alike:
             *rest, last = (item.form.removesuffix("_alone") for item in (*alike, own))

@@ -79,6 +79,8 @@ class Scale(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the length, or to the stroke from where it was homed; the lead may change along it.
 
+        Of all drives, or of one alone by its length.
+
         Lengths count from where the controller's count is zero. Homes are in the middle or at an end of the stroke, or
         not far from there.
         """
@@ -90,6 +92,9 @@ class Scale(Family):
         lead = each("scale", 1.0, lengths, per="/m")
         progressive = each("progression", size, bent, main=self.build_up, per="/m²")
         found = [Form("whole_length", (*lead, *progressive))]
+        if len(lead) > 1:
+            alone = zip(self.drives, zip(lead, progressive, strict=True), strict=True)
+            found += [Form(f"{drive.symbol}_alone", parameters) for drive, parameters in alone]
         if self.middle_m:
             home = each("home", self.middle_m, np.ones(lengths.shape), main=False)
             for name, ends in (("from_home", 0.0), ("from_retracted", -1.0), ("from_extended", 1.0)):
@@ -120,10 +125,12 @@ class Periodic(Family):
         self.of_turn = self.period == "turn"
         if self.of_turn:
             self.driven_by = "angles_rad"
-        elif len(self.stated) < len(self.drives):
-            self.needs = ("screw_pitch_m",)
-        else:
+        elif self.stated and self.period == "pitch":
+            # What states no lead has no screw, as a linear motor beside screws.
+            self.drives = tuple(drive for drive in self.drives if drive.joint in self.stated)
             self.driven_by = "lengths_m"
+        else:
+            self.needs = ("screw_pitch_m",)
 
     def _phase(self, conditions: Conditions, drive: Drive, column: int) -> FloatArray:
         value = conditions.drives[:, column]
@@ -212,7 +219,10 @@ class LostMotion(Family):
             for some, name, prior_std, course in shapes:
                 parameters += of_each(conditions, some, name, prior_std, sides * course, main=False)
             found.append(Form(form, tuple(parameters)))
-        return (*found, *(self._pressed(conditions, share) for share in (_PRESSING if loaded else ())))
+        # Where the force never presses, free play is dragged in all rows: that is both sides, and no form of its own.
+        most = float(np.abs(self._force(conditions)).max(initial=0.0)) if loaded else 0.0
+        pressing = [share for share in _PRESSING if share < most]
+        return (*found, *(self._pressed(conditions, share) for share in pressing))
 
     def form(self, name: str, conditions: Conditions) -> Form:
         """As of every effect; a force to be pressed from may be any, whatever was searched."""
@@ -221,17 +231,23 @@ class LostMotion(Family):
             return self._pressed(conditions, float(share[1]))
         return super().form(name, conditions)
 
-    def _pressed(self, conditions: Conditions, share: float) -> Form:
-        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
+    def _force(self, conditions: Conditions) -> FloatArray:
+        """Return the force on the drives over what those of their unit carry on average, (n, drives).
 
-        Usual is what drives of its unit carry on average: alike nuts have like friction. Below, the nut lies where
-        friction drags it.
+        Alike nuts have like friction.
         """
         places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
-        force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9)
-        dragged = np.asarray(conditions.approach)[:, places]
+        return np.asarray(np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9))
+
+    def _pressed(self, conditions: Conditions, share: float) -> Form:
+        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
+
+        Below, the nut lies where friction drags it.
+        """
+        force = self._force(conditions)
+        dragged = np.asarray(conditions.approach)[:, conditions.places(self.drives)]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
         return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
