@@ -5,9 +5,9 @@ Of one measured component of n rows, let r be what the nominal robot and the two
     r ~ N(0, σ² (f² I + t² Z Zᵀ)),  frames free,
 
 where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
-base and drives with every condition, side of approach and what is linear or quadratic in the position, and drives under
-what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are found by
-maximum likelihood, and f = 1 is judged by the likelihood ratio.
+base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
+drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
+found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
 """
 
 import itertools
@@ -169,12 +169,14 @@ def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
 
 
 def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
-    """Yield conditions, centred and over their spread; a missing cell stands in the middle."""
+    """Yield conditions, centred and over their spread, and sessions but one; a missing cell stands in the middle."""
     for values in campaign.conditions.values():
         known = values[rows]
         spread = float(np.nanstd(known)) if np.isfinite(known).any() else 0.0
         if spread > 0.0:
             yield np.nan_to_num((known - np.nanmean(known)) / spread)
+    for session in list(campaign.rows_by_session().values())[1:]:
+        yield np.isin(rows, session).astype(float)
 
 
 def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:

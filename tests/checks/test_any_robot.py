@@ -103,6 +103,17 @@ def test_what_bends_with_the_place_is_no_noise(machine):
     assert "noise_too_small" not in found
 
 
+def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
+    sessions = np.arange(len(machine.campaign)) // 20
+    moved = 8.0 * SIGMA * np.random.default_rng(0).normal(size=(sessions[-1] + 1, 3))
+    position = machine.campaign.position_m + moved[sessions]
+    how = {"position_m": position, "rotation_vector_rad": None}
+    campaign = damaged(machine.campaign, sessions=[str(session) for session in sessions], **how)
+    assert "noise_too_small" not in codes(check_campaign(campaign, machine.drawing))
+    without = damaged(campaign, sessions=["1"] * len(campaign))
+    assert "noise_too_small" in codes(check_campaign(without, machine.drawing))
+
+
 DAMAGES = {
     "position_unit": lambda c: damaged(c, position_m=c.position_m * 1000.0),
     "frames_swapped": inverse,
