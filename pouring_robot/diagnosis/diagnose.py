@@ -22,7 +22,7 @@ from pouring_robot.diagnosis.processes import processes_of, varied
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.diagnosis.state import Diagnoser, LinearState
+from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
@@ -296,7 +296,7 @@ class _Work:
             notes=tuple(notes),
             next_count=self.options.next_count,
         )
-        if not (diagnosis.refused and judgement.causes):
+        if not (diagnosis.refused and judgement.names):
             return diagnosis
         # What no model can hold is no cause, however well it explains.
         why = diagnosis.refused
@@ -347,11 +347,5 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
 
 def _noise_from(noise: NoiseLevel, after: LinearState, hypothesis: Hypothesis) -> NoiseLevel | None:
     """Return the noise that the residuals show; None where it was stated or stays."""
-    if not noise.from_residuals:
-        return None
-    left = hypothesis.remainder
-    free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    chosen = {kind: are(kind, after.fitted_rows.component) for kind in noise.open_kinds}
-    factors = {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
-    better = noise.times(factors)
-    return None if better.apart(noise) < _NOISE_SETTLED else better
+    better = noise_left(noise, noise.open_kinds, after, hypothesis)
+    return better if noise.from_residuals and better.apart(noise) >= _NOISE_SETTLED else None

@@ -11,9 +11,9 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.gap import Gap, InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.state import Diagnoser, State
+from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.instruments import KINDS, NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
@@ -64,6 +64,14 @@ class Findings:
     def nearest(self) -> tuple[NamedEffect, ...]:
         """Effects that are only the nearest to something unknown: a description without a cause explains better."""
         return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
+
+    @property
+    def noise_left(self) -> NoiseLevel | None:
+        """The noise as which what is left scatters from row to row; None where it does not, or is as stated."""
+        if not self.judgement.scatters:
+            return None
+        stated = [kind for kind in KINDS if self.noise[kind].source != "none"]
+        return noise_left(self.noise, stated, self.after, self.hypothesis)
 
     @property
     def mostly_workmanship(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +37,7 @@ class Library:
             (effect.id, form.name): form
             for effect in chosen.values()
             if not effect.missing(given)
-            for form in checked_forms(effect, given, channels)
+            for form in _distinct(checked_forms(effect, given, channels))
         }
         effects = all_effects(given.robot)
         kinds = {name: effect.workmanship(given) for name, effect in effects.items()}
@@ -52,6 +52,20 @@ class Library:
     def tried(self) -> frozenset[str]:
         """Ids of the effects of which there is a form."""
         return frozenset(effect for effect, _ in self.forms)
+
+
+def _distinct(forms: Iterable[Form]) -> Iterator[Form]:
+    """Yield forms without those values of a constant that make in these rows what another form makes.
+
+    Free play that no force presses is plain play, whatever it would take to press it.
+    """
+    known = set[tuple[bytes, ...]]()
+    for form in forms:
+        changes = (change.tobytes() for p in form.parameters if p.main for change in p.changes.values())
+        key = tuple(changes)
+        if not form.one_of or key not in known:
+            yield form
+        known.add(key)
 
 
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:

@@ -1,6 +1,7 @@
 """The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -136,7 +138,10 @@ class Diagnoser:
         return found_parameters(hypothesis, self.library.every_form)
 
     def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> FloatArray:
-        """Return what an effect at work adds to the prediction to first order, whitened, (m,)."""
+        """Return what an effect at work adds to the prediction to first order, whitened, (m,), the frames held.
+
+        What varies its size changes that, and not what frames leave of it.
+        """
         forms = [hypothesis.items[k].key for k in hypothesis.of_effect(effect)]
         found = [one for key, group in self.parameters_of(hypothesis) if key in forms for one in group]
         return self._signature(tuple(one.parameter for one in found), np.array([one.value for one in found]), linear)
@@ -174,3 +179,13 @@ class Diagnoser:
         if not parameters:
             return np.zeros(linear.residual.size)
         return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
+
+
+def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
+    """Return the noise with that of some kinds taken from what a hypothesis leaves over."""
+    left, component = hypothesis.remainder, after.fitted_rows.component
+    free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
+    chosen = {kind: are(kind, component) for kind in kinds}
+    return noise.times(
+        {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
+    )

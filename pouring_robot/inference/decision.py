@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
-from pouring_robot.inference.discrepancy import LARGER_NOISE, Challenge, Discrepancy, Structure, Summand
+from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
@@ -88,8 +88,7 @@ class Judgement:
     thresholds: Thresholds = DEFAULT_THRESHOLDS  # by which it was judged
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
-    # how many times as large a noise would have to be to explain what is left as well as any process; 1 where none does
-    noise_factor: float = 1.0
+    scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
 
     @property
     def names(self) -> bool:
@@ -98,20 +97,11 @@ class Judgement:
 
     @property
     def clear_structures(self) -> tuple[Structure, ...]:
-        """Structures that count, most evident first; none where a larger noise explains as well."""
-        if self.scatter:
-            return ()
+        """Structures that count, most evident first."""
         limits = self.thresholds
         largest = max((cause.size for cause in self.causes), default=0.0)
         least = max(limits.structure_size, limits.structure_share * largest)
         return tuple(s for s in self.structures if s.evidence > self.least_evidence and s.size > least)
-
-    @property
-    def scatter(self) -> str:
-        """What is left, in words, where a larger noise explains it as well as any process; "" where none does."""
-        if self.noise_factor == 1.0:
-            return ""
-        return f"what is left scatters from row to row, like a noise {self.noise_factor:.2g} times the stated one"
 
     @property
     def least_evidence(self) -> float:
@@ -154,11 +144,13 @@ def judge(
     large = [_cause(hypothesis, effect, thresholds) for effect in own]
     remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
     causes = _above(large, [_added(hypothesis, cause.indices) for cause in large], remainder, thresholds)
-    minor = tuple(effect for effect in effects if effect not in {cause.effect for cause in causes})
+    at_work = {cause.effect for cause in causes}
+    minor = tuple(effect for effect in effects if effect not in at_work)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
     if noise_known and (found.clear_structures or found.beaten):
-        found = _as_noise(hypothesis, discrepancy, found)
+        found = _as_noise(discrepancy, found)
+        causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
@@ -175,21 +167,23 @@ def judge(
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
 
 
-def _as_noise(hypothesis: Hypothesis, discrepancy: Discrepancy, found: Judgement) -> Judgement:
-    """Return the same, told as a larger noise where no process explains what is left clearly better.
+def _as_noise(discrepancy: Discrepancy, found: Judgement) -> Judgement:
+    """Return the same judged under a larger noise, where with that nothing is left that any process explains.
 
-    By how much a process is better than a cause shrinks with the variance of the noise, as squares of residuals do.
+    What it leaves no evidence for is no cause.
     """
-    noise, least = discrepancy.noise(), found.thresholds.least_evidence(1)
-    best = max((structure.evidence for structure in found.structures), default=0.0)
-    if noise.evidence < found.least_evidence or noise.evidence < best - least:
+    factor, evidence = discrepancy.noise()
+    if evidence <= found.least_evidence:
         return found
-    challenges = []
-    for cause, challenge in found.challenged:
-        process = Challenge(challenge.process, challenge.margin / noise.factor**2)
-        in_place = discrepancy.noise(cause.indices).evidence - hypothesis.worth(cause.indices)
-        challenges.append(max(process, Challenge(LARGER_NOISE, in_place), key=lambda one: one.margin))
-    return replace(found, noise_factor=noise.factor, challenges=tuple(challenges))
+    under = discrepancy.under(factor)
+    left = tuple(under.structures())
+    if any(structure.evidence > found.least_evidence for structure in left):
+        return found
+    least = found.thresholds.least_evidence(1)
+    causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
+    minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
+    challenges = tuple(under.challenge(cause.indices) for cause in causes)
+    return replace(found, causes=causes, structures=left, challenges=challenges, minor=minor, scatters=True)
 
 
 def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:
@@ -214,16 +208,16 @@ def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied
     """Return the effects that do more than correct the form of a larger one.
 
     What corrects it the larger one explains as well in its place, if its own size varies with some condition. A small
-    effect must do clearly more.
+    effect must do clearly more. That all conditions of all larger ones are tried is in their favour: no more is asked.
     """
     items = {effect: hypothesis.of_effect(effect) for effect in effects}
-    sizes = {effect: hypothesis.size(*indices) for effect, indices in items.items()}
+    squared = {effect: hypothesis.size(*indices) for effect, indices in items.items()}
     varying = functools.cache(lambda effect: Discrepancy(hypothesis, varied(effect)))
     kept: list[str] = []
-    for effect in sorted(effects, key=lambda effect: -sizes[effect]):
+    for effect in sorted(effects, key=lambda effect: -squared[effect]):
         lead = min((-varying(larger).challenge(items[effect]).margin for larger in kept), default=np.inf)
         least = thresholds.least_evidence(1)
-        if sizes[effect] <= thresholds.minor_share**2 * max(sizes.values()):
+        if squared[effect] <= thresholds.minor_share**2 * max(squared.values()):
             lead, least = min(lead, _evidence(hypothesis, items[effect])), thresholds.minor_evidence
         if lead > least:
             kept.append(effect)
@@ -239,7 +233,7 @@ def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
-    reasons = [found.scatter] if found.scatter else []
+    reasons = ["what is left scatters from row to row, like a larger noise"] if found.scatters else []
     reasons += [
         f"what is left depends on something no effect explains: {clear.process.name} "
         f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"

@@ -10,15 +10,16 @@ Nothing here knows the robot.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import LOG_SCALES, Beside, Gram, Places, bayes_factor, largest_scale
+from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Part, Process, against, between
 from pouring_robot.mechanism.arrays import FloatArray
@@ -52,18 +53,8 @@ class Challenge:
     margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
 
 
-LARGER_NOISE = "a larger noise"
-"""What challenges causes beside processes: scatter of all equations alike."""
-_FACTORS = 109
-"""So many are tried, finer than scales: it is said how large the noise would be."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """A noise that is larger than it is said to be."""
-
-    factor: float  # how many times, at its most probable
-    evidence: float  # log evidence for it against the noise as it is said to be, averaged over factors, in nats
+_FACTORS = np.geomspace(1.01, 1e3, 200)
+"""How many times as large the noise may be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +83,11 @@ class _Seen:
         absorbed = values[:free]
         inner = between(parts, parts) - absorbed.T @ absorbed
         return cls(process, length, absorbed, inner, values[free], values[free + 1 :])
+
+    def under(self, factor: float) -> _Seen:
+        """Return the same where the noise is so many times as large."""
+        inner, projected, shared = (own / factor**2 for own in (self.inner, self.projected, self.shared))
+        return replace(self, absorbed=self.absorbed / factor, inner=inner, projected=projected, shared=shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,19 +145,29 @@ class Discrepancy:
                 best = Challenge(found.name, margin)
         return best
 
-    def noise(self, indices: Sequence[int] = ()) -> Noise:
-        """Return what a larger noise would explain beside the hypothesis, or in the place of some of its items."""
-        hypothesis = self.hypothesis.without(indices)
-        problem, fitted = hypothesis.problem, hypothesis.everything
+    def noise(self) -> tuple[float, float]:
+        """Return how many times as large the noise would be, and the log evidence for that in nats.
+
+        At its most probable, beside the hypothesis; against the noise as it is said to be, averaged over factors.
+        """
+        problem, fitted = self.hypothesis.problem, self.hypothesis.everything
         equations = len(problem.residual) - problem.nuisance.dof
-        weights = np.concatenate([np.zeros(0), *hypothesis.weights()])
-        factors = np.sqrt(1.0 + np.exp(2.0 * np.linspace(LOG_SCALES[0], LOG_SCALES[-1], _FACTORS)))
-        found = [
-            Beside(problem.gram.with_noise(factor, equations), fitted.places, weights).log_likelihood
-            for factor in factors.tolist()
-        ]
-        evidence = float(logsumexp(found)) - np.log(len(found)) - fitted.log_likelihood
-        return Noise(float(factors[int(np.argmax(found))]), float(evidence))
+        weights = np.concatenate([np.zeros(0), *self.hypothesis.weights()])
+        densities = np.empty(len(_FACTORS))
+        for k, factor in enumerate(_FACTORS):  # coefficients that are so many times smaller, over the noise
+            seen = Beside(problem.gram, fitted.places, weights / factor)
+            densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
+        evidence = float(logsumexp(densities)) - np.log(len(densities)) - fitted.log_likelihood
+        return float(_FACTORS[np.argmax(densities)]), float(evidence)
+
+    def under(self, factor: float) -> Discrepancy:
+        """Return the same where the noise is so many times as large: what single processes find, and in whose place."""
+        again = copy.copy(self)
+        again.hypothesis = self.hypothesis.under(factor)
+        again._seen = {name: [one.under(factor) for one in lengths] for name, lengths in self._seen.items()}
+        again._known = {}
+        vars(again).pop("_alone", None)
+        return again
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

@@ -102,13 +102,10 @@ class Gram:
             projected += stacked.T @ residual[some]
         return cls(inner, projected, float(residual @ residual))
 
-    def with_noise(self, factor: float, equations: int) -> Gram:
-        """Return the same where the noise of so many equations is so many times what it was."""
+    def under(self, factor: float) -> Gram:
+        """Return the same where the noise is so many times as large."""
         variance = factor**2
-        more = equations * float(np.log(variance))
-        return Gram(
-            self.columns / variance, self.projected / variance, self.squared / variance, self.log_determinant + more
-        )
+        return Gram(self.columns / variance, self.projected / variance, self.squared / variance)
 
 
 class Beside:

@@ -181,6 +181,12 @@ class Problem:
         found = [replace(e, columns=e.columns[kept]) for e in self.explanations]
         return Problem.build(self.residual[kept], self.nuisance.axes[kept], workmanship, found)
 
+    def under(self, factor: float) -> Problem:
+        """Return the problem where the noise is so many times as large: its gram and residual, not its columns."""
+        problem = replace(self, residual=self.residual / factor)
+        vars(problem)["gram"] = self.gram.under(factor)
+        return problem
+
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""
         return replace(self, explanations=(*self.explanations, *items))

@@ -111,6 +111,10 @@ class Hypothesis:
         known = {item.key: item for item in problem.explanations}
         return replace(self, problem=problem, items=tuple(known[item.key] for item in self.items))
 
+    def under(self, factor: float) -> Hypothesis:
+        """Return the same where the noise is so many times as large."""
+        return replace(self, problem=self.problem.under(factor))
+
     @functools.cached_property
     def everything(self) -> Beside:
         """What is to be seen beside everything fitted."""

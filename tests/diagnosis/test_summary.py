@@ -389,9 +389,13 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(tmp_path):
     halves = {key: 0.5 * getattr(data.metadata, key) for key in ("sigma_position_m", "sigma_rotation_rad")}
     stated = data.metadata.model_copy(update=halves)
     found = diagnose(replace(data, metadata=stated))
-    factor = diagnosis_metrics(found, "model.yaml")["noise_factor"]
-    assert factor == pytest.approx(2.0, rel=0.1)
-    said = f"UNKNOWN: what is left scatters from row to row, like a noise {factor:.2g} times the stated one."
-    assert found.headline == said
+    left, noise = diagnosis_metrics(found, "model.yaml")["noise_left"], data.metadata.sigma_position_m
+    assert left["position_mm"] == pytest.approx(1e3 * noise, rel=0.15)
+    assert left["rotation_mrad"] == pytest.approx(1e3 * data.metadata.sigma_rotation_rad, rel=0.15)
+    sizes = f"{left['position_mm']:.2g} mm and {left['rotation_mrad']:.2g} mrad"
+    said = (
+        f"what is left scatters from row to row, like a noise of {sizes} in place of the stated {500.0 * noise:.2g} mm"
+    )
+    assert found.headline.startswith(f"UNKNOWN: {said}")
     assert any(line.startswith("measure some poses three times") for line in next_lines(found))
-    assert diagnosis_metrics(diagnose(data), "model.yaml")["noise_factor"] == 1.0
+    assert diagnosis_metrics(diagnose(data), "model.yaml")["noise_left"] is None

@@ -1,11 +1,14 @@
 """Effects of the drives against the independent machine, and what their stories promise."""
 
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pouring_robot.effects.families.drives import _PRESSING, Periodic
+from pouring_robot.diagnosis.problem import Library
+from pouring_robot.effects.families.drives import Periodic
 from pouring_robot.inference.search import DEFAULT_SEARCH
 from pouring_robot.robot.description.definition import Drive
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
@@ -191,19 +194,25 @@ def test_the_scale_of_one_drive_alone_is_its_share_of_all(bench):
             assert np.array_equal(p.changes[own], whole[p.name].changes[own])
 
 
-def test_a_force_that_presses_nowhere_is_no_form(bench):
-    """Free play is then dragged in all rows, which is both sides. Of a force that is even but for a row, little is."""
+def test_forces_that_press_alike_are_one_form(bench):
+    """Free play that is pressed nowhere is both sides; of a force that is even but for a row hardly two are left."""
     given = bench.rows.conditions
-    own = np.abs(given.drive_force).mean(axis=0)
-    usual = np.append(np.full(3, own[:3].mean()), own[3:])  # of alike screws, and of what turns
+    usual = np.abs(given.drive_force).mean(axis=0)
+    usual[:3] = usual[:3].mean()  # alike screws
     even = usual * np.sign(given.drive_force)
-    even[0] *= 1.03
-    for force in (given.drive_force, even):
-        forms = [form.name for form in EFFECTS["drive_backlash"].forms(replace(given, drive_force=force))]
-        largest = (np.abs(force) / usual).max()
-        pressed = [float(name.removeprefix("pressed_from_")) for name in forms if name.startswith("pressed")]
-        assert pressed == [share for share in _PRESSING if share < largest]
-    assert max(pressed) == 1.0
+    even[0] *= 1.3
+    names = {}
+    for kind, force in {"own": given.drive_force, "even": even}.items():
+        rows = SimpleNamespace(conditions=replace(given, drive_force=force), channels=bench.rows.channels)
+        forms = Library.of(rows, {"drive_backlash": EFFECTS["drive_backlash"]}).forms
+        names[kind] = [name for _, name in forms]
+        flanks = [
+            np.array([p.changes[c] for c, p in zip(CHANNELS, form.parameters, strict=False)]) for form in forms.values()
+        ]
+        assert not any(np.array_equal(one, other) for one, other in itertools.combinations(flanks, 2))
+    plain = ["both_sides", "rising_only", "falling_only"]
+    assert names["even"][:3] == names["own"][:3] == plain
+    assert len(names["even"]) == 5 < len(names["own"])
 
 
 def test_of_slides_those_without_a_screw_have_no_period():

@@ -24,7 +24,7 @@ from pouring_robot.inference.decision import (
     without_minor,
     workmanship_cause,
 )
-from pouring_robot.inference.discrepancy import LARGER_NOISE, Challenge, Noise, Structure
+from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
@@ -82,9 +82,9 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(self, structures=(), challenges=None, tried=1, noise=None):
+    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
-        self._noise = noise or {}
+        self._noise, self._under = noise, under
         self.asked = []
 
     def __len__(self):
@@ -96,8 +96,12 @@ class Left:
     def challenge(self, indices):
         return self._challenges.get(indices, Challenge("", -np.inf))
 
-    def noise(self, indices=()):
-        return self._noise.get(indices, Noise(1.0, -np.inf))
+    def noise(self):
+        return self._noise
+
+    def under(self, factor):
+        self._under.hypothesis = self.hypothesis.under(factor)
+        return self._under
 
     def sum(self, least_evidence, most):
         self.asked.append((least_evidence, most))
@@ -401,39 +405,35 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert (judged.tried, judged.thresholds) == (6, limits)
 
 
-@pytest.mark.parametrize(("behind", "told"), [(4.5, True), (4.7, False)])
-def test_a_larger_noise_is_told_where_no_process_explains_clearly_better(behind, told):
-    """By less than the accepted rate asks for, ln 100."""
-    left = Left([structure(50.0, 0.5)], noise={(): Noise(2.0, 50.0 - behind)})
-    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
-    assert (judged.verdict, judged.noise_factor, bool(judged.scatter)) == ("unknown", 2.0 if told else 1.0, told)
-    assert (judged.clear_structures, judged.remainder) == (
-        ((), ()) if told else (tuple(left.structures()), ("summand",))
-    )
-    assert ("noise 2 times the stated one" in judged.reasons[0]) == told
+def told_as(noise, under, hypothesis, **given):
+    """Judge one clear structure beside such a larger noise, under which processes find what is given."""
+    left = Left([structure(50.0, 0.5)], noise=noise, under=under)
+    left.hypothesis = hypothesis
+    return judge(hypothesis, left, **given)
 
 
-def test_a_larger_noise_is_told_of_what_is_unknown_only():
-    """Stated noise that is a little small hides no cause, and is none."""
-    left = Left(noise={(): Noise(1.2, 500.0)})
-    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
-    assert (judged.verdict, judged.noise_factor) == ("named", 1.0)
-    unstated = judge(
-        fitted({0: SURE}, [explanation("a", axis(0))]),
-        Left([structure(9.0, 1.0)], noise=left._noise),
-        noise_known=False,
-    )
-    assert unstated.noise_factor == 1.0
+def test_what_a_larger_noise_leaves_no_structure_of_scatters():
+    least, alone = Thresholds().least_evidence(1), fitted({0: SURE}, [explanation("a", axis(0))])
+    for evidence, left, told in ((9.0, 4.0, True), (9.0, least + 1e-9, False), (least, 4.0, False)):
+        judged = told_as((2.0, evidence), Left([structure(left, 0.1)]), alone)
+        assert (judged.verdict, judged.scatters) == ("unknown", told)
+        assert [s.evidence for s in judged.clear_structures] == ([] if told else [50.0])
+        assert ("like a larger noise" in judged.reasons[0], judged.remainder) == (told, () if told else ("summand",))
+    assert not told_as((2.0, 9.0), Left(), alone, noise_known=False).scatters
 
 
-def test_a_cause_must_beat_a_larger_noise_and_processes_under_it():
-    noise = {(): Noise(3.0, 50.0), (0,): Noise(4.0, worth(SURE) + 30.0), (1,): Noise(3.0, 20.0)}
-    challenges = {(0,): Challenge("place by load", 3.0), (1,): Challenge("place by load", 27.0)}
-    judged = judge(sized(SURE, SURE), Left([structure(50.0, 0.5)], challenges, noise=noise))
-    assert judged.challenges == (
-        Challenge(LARGER_NOISE, pytest.approx(30.0)),
-        Challenge("place by load", pytest.approx(3.0)),
-    )
+def test_a_larger_noise_is_asked_for_where_something_is_unknown_only():
+    """A stated noise that is a little small hides no cause, and is none."""
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(noise=(1.2, 500.0), under=Left()))
+    assert (judged.verdict, judged.scatters) == ("named", False)
+
+
+def test_a_cause_is_one_under_the_larger_noise_too():
+    """Three times as large it leaves of 20 and 8 noise standard deviations 6.7 and 2.7: 18 nats, and hardly one."""
+    hypothesis = sized(8.0, SURE)
+    judged = told_as((3.0, 99.0), Left(challenges={(0,): Challenge("place by load", 9.0)}), hypothesis)
+    assert worth(SURE / 3.0) > Thresholds().least_evidence(1) > worth(8.0 / 3.0)
+    assert (effects(judged), judged.minor) == (("large",), ("small",))
     assert [*judged.beaten] == ["large"]
 
 

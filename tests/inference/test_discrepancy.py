@@ -161,17 +161,53 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
 
 
 def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):
-    """Beside a cause, or in its place; the density is that of the coordinates across the free constant."""
+    """The density is that of the coordinates across the free constant."""
     cause = explanation("linear", rng.normal(size=(ROWS, 2)))
     residual = 1.5 * rng.normal(size=ROWS) + cause.columns @ [2.0, -1.0] + 7.0
     built = problem(residual, [cause], free=CONSTANT)
     hypothesis = Hypothesis(built, built.explanations, (Scale(0.5),), ())
     across = np.linalg.qr(CONSTANT, mode="complete")[0][:, 1:].T
-    seen, columns = across @ residual, across @ cause.columns
-    factors = np.sqrt(1.0 + np.logspace(-4.0, 2.0, 400))
-    for indices, covariance in (((), 0.25 * columns @ columns.T), ((0,), np.zeros((ROWS - 1, ROWS - 1)))):
-        found = Discrepancy(hypothesis, []).noise(indices)
-        unit = np.eye(ROWS - 1)
-        density = [multivariate_normal(cov=f**2 * unit + covariance).logpdf(seen) for f in (1.0, *factors)]
-        assert found.evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
-        assert found.factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
+    covariance = 0.25 * across @ cause.columns @ cause.columns.T @ across.T
+    factors = np.geomspace(1.01, 1e3, 2000)
+    density = [
+        multivariate_normal(cov=f**2 * np.eye(ROWS - 1) + covariance).logpdf(across @ residual) for f in (1.0, *factors)
+    ]
+    factor, evidence = Discrepancy(hypothesis, []).noise()
+    assert evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
+    assert factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
+
+
+def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
+    """The same residual and columns over that noise, and over the one that was stated, built anew."""
+    load, descriptions = described
+    cause = explanation("linear", load[:, None])
+    residual = 3.0 * (rng.normal(size=ROWS) + 2.0 * load + np.cos(3.0 * load))
+    found = []
+    for stated in (1.0, 3.0):
+        item = explanation("linear", cause.columns / stated)
+        processes = [
+            Process.of_columns(one.where, one.by, columns_of(one.lengths[""]) / stated) for one in descriptions
+        ]
+        built = problem(residual / stated, [item], free=CONSTANT)
+        hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ())
+        seen = Discrepancy(hypothesis, processes)
+        found.append(seen if stated == 3.0 else seen.under(3.0))
+    under, anew = found
+    assert under.hypothesis.worth((0,)) == pytest.approx(anew.hypothesis.worth((0,)), rel=1e-9)
+    assert under.challenge((0,)).margin == pytest.approx(anew.challenge((0,)).margin, rel=1e-9)
+    structures = [[(s.process.name, s.size) for s in one.structures(-99.0)] for one in (under, anew)]
+    assert dict(structures[0]) == pytest.approx(dict(structures[1]), rel=1e-9)
+
+
+def test_two_conditions_are_no_larger_noise(described, rng):
+    """Each alone leaves the other's part, which a larger noise takes up; under it both are seen all the same."""
+    load, descriptions = described
+    residual = rng.normal(size=ROWS) + 3.0 * np.cos(2.0 * load) + 3.0 * np.sin(TIME / 9.0)
+    seen = Discrepancy(nothing(residual), descriptions)
+    factor, evidence = seen.noise()
+    assert evidence > 50.0
+    assert seen.under(factor).structures()[0].evidence > 10.0
+    white = Discrepancy(nothing(3.0 * rng.normal(size=ROWS)), descriptions)
+    factor, evidence = white.noise()
+    assert (evidence > 50.0, factor) == (True, pytest.approx(3.0, rel=0.3))
+    assert not white.under(factor).structures()

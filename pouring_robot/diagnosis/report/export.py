@@ -142,7 +142,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),
-        "noise_factor": judgement.noise_factor,  # of a noise that explains what is left as well as any process
+        "noise_left": diagnosis.noise_left.figures() if diagnosis.noise_left else None,
         "thresholds": {
             "false_names": asked.false_names,
             "least_evidence_nats": asked.least_evidence,

@@ -38,7 +38,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"
         )
-    lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line]
+    lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
     if diagnosis.outliers.size:
         lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
@@ -82,9 +82,11 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "of model.yaml under what --condition or columns beside their poses say"
         )
     told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
-    by, scatter = {item.process.by for item in diagnosis.judgement.remainder}, diagnosis.judgement.scatter
-    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE} or scatter:
+    by = {item.process.by for item in diagnosis.judgement.remainder}
+    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
         told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
+    if diagnosis.judgement.scatters:
+        told.add(FlagCode.NOISE_TOO_SMALL)  # the headline says it
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code is FlagCode.MEASUREMENT_JUMP]
     lines += [f"data: {flag.message}" for flag in weighty if flag.code not in told]

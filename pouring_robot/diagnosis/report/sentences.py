@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasur
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.estimation.instruments import component_name
+from pouring_robot.estimation.instruments import KINDS, component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -52,7 +52,7 @@ def headline(diagnosis: Conclusions) -> str:
         if diagnosis.misfit:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
-        said = diagnosis.judgement.scatter or f"something moves the {moved} that no effect of the library explains"
+        said = scatter_text(diagnosis) or f"something moves the {moved} that no effect of the library explains"
         return f"UNKNOWN: {said}.{besides}"
     names = _names(diagnosis.firm)
     # Who reads one sentence must not take the causes for the gap where joints make more of it.
@@ -62,6 +62,21 @@ def headline(diagnosis: Conclusions) -> str:
     if verdict == "group":
         return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more.{mostly}"
     return f"NAMED: the model lacks {names}.{mostly}"
+
+
+def scatter_text(diagnosis: Conclusions) -> str:
+    """Return as which noise what is left scatters from row to row; "" where it does not, or is as stated."""
+    if diagnosis.noise_left is None:
+        return ""
+    said = (
+        " and ".join(
+            f"{noise[kind].sigma / (MRAD if kind == 'rotation' else MM):.2g} {'mrad' if kind == 'rotation' else 'mm'}"
+            for kind in KINDS
+            if noise[kind].source != "none"
+        )
+        for noise in (diagnosis.noise_left, diagnosis.noise)
+    )
+    return "what is left scatters from row to row, like a noise of {} in place of the stated {}".format(*said)
 
 
 def _names(effects: Sequence[NamedEffect]) -> str:
@@ -195,7 +210,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     for better, effects in beaten.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
         lines.append(f"{', '.join(effects)} {are} but not it: '{better}' describes the data better")
-    lines[:0] = [line for line in (diagnosis.misfit, diagnosis.judgement.scatter) if line]
+    lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
 
@@ -257,7 +272,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     if verdict == "no_gap":
         hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
         lines += [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
-    elif not diagnosis.judgement.scatter:
+    elif not diagnosis.judgement.scatters:
         lines += _measurement_lines(diagnosis)
     if diagnosis.noise.from_residuals:
         lines.append(
@@ -269,7 +284,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _where_to_look(diagnosis: Conclusions) -> str:
-    if diagnosis.judgement.scatter:
+    if diagnosis.judgement.scatters:
         return (
             "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
             "is (metrology in the YAML); if not, something that changes from row to row is missing"

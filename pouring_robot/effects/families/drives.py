@@ -125,7 +125,7 @@ class Periodic(Family):
         self.of_turn = self.period == "turn"
         if self.of_turn:
             self.driven_by = "angles_rad"
-        elif self.stated and self.period == "pitch":
+        elif self.stated:
             # What states no lead has no screw, as a linear motor beside screws.
             self.drives = tuple(drive for drive in self.drives if drive.joint in self.stated)
             self.driven_by = "lengths_m"
@@ -219,10 +219,7 @@ class LostMotion(Family):
             for some, name, prior_std, course in shapes:
                 parameters += of_each(conditions, some, name, prior_std, sides * course, main=False)
             found.append(Form(form, tuple(parameters)))
-        # Where the force never presses, free play is dragged in all rows: that is both sides, and no form of its own.
-        most = float(np.abs(self._force(conditions)).max(initial=0.0)) if loaded else 0.0
-        pressing = [share for share in _PRESSING if share < most]
-        return (*found, *(self._pressed(conditions, share) for share in pressing))
+        return (*found, *(self._pressed(conditions, share) for share in (_PRESSING if loaded else ())))
 
     def form(self, name: str, conditions: Conditions) -> Form:
         """As of every effect; a force to be pressed from may be any, whatever was searched."""
@@ -231,23 +228,17 @@ class LostMotion(Family):
             return self._pressed(conditions, float(share[1]))
         return super().form(name, conditions)
 
-    def _force(self, conditions: Conditions) -> FloatArray:
-        """Return the force on the drives over what those of their unit carry on average, (n, drives).
+    def _pressed(self, conditions: Conditions, share: float) -> Form:
+        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
 
-        Alike nuts have like friction.
+        Usual is what drives of its unit carry on average: alike nuts have like friction. Below, the nut lies where
+        friction drags it.
         """
         places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
-        return np.asarray(np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9))
-
-    def _pressed(self, conditions: Conditions, share: float) -> Form:
-        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
-
-        Below, the nut lies where friction drags it.
-        """
-        force = self._force(conditions)
-        dragged = np.asarray(conditions.approach)[:, conditions.places(self.drives)]
+        force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9)
+        dragged = np.asarray(conditions.approach)[:, places]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
         return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
