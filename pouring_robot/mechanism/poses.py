@@ -109,7 +109,9 @@ def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) ->
 
 
 def refuse_beyond(reaches: Sequence[JointReach]) -> None:
-    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
-    for worst in reaches:
-        if worst.beyond:
-            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the first of them.
+
+    As :func:`joint_reach` sorts them, that is the one furthest beyond as a share of its range.
+    """
+    if worst := next((reach for reach in reaches if reach.beyond), None):
+        raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

@@ -23,6 +23,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArra
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
+from pouring_robot.mechanism.poses import ROUND_OFF
 from pouring_robot.report.result import Result
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class ClosureOptions:
 
     step_tolerance: float = 1e-7  # largest component of the last Newton step, in m or rad
     left_over: float = 3e-14  # what it may leave, in m or rad: its length times the share by which steps shrink
-    round_off: float = 1e-9  # steps that are shorter and no longer shrink are round-off, in m or rad
+    round_off: float = ROUND_OFF  # steps that are shorter and no longer shrink are round-off, in m or rad
     max_iterations: int = 240  # Newton steps before giving up
     max_gap_m: float = 0.01  # largest distance that may be left open; ``max_gap_rad``: largest angle
     max_gap_rad: float = 0.1
