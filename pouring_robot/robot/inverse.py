@@ -54,12 +54,17 @@ class Reached:
     @property
     def met(self) -> bool:
         """Whether nothing is missing."""
-        return bool(np.abs(self.left).max() < REACHED)
+        return max(self.place_m, self.angle_rad) < REACHED
 
     @property
     def place_m(self) -> float:
         """How far the place is missed, in m."""
         return float(np.linalg.norm(self.left[:3]))
+
+    @property
+    def angle_rad(self) -> float:
+        """How far the attitude is missed, in rad."""
+        return float(np.linalg.norm(self.left[3:]))
 
 
 def bring(

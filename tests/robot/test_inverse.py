@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, ClosureError, NoSolutionError, UnreachableTargetError
-from pouring_robot.robot.inverse import REACHED, Target
+from pouring_robot.robot.inverse import REACHED, Reached, Target
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import NAMES, ROBOTS
 from tests.support import ROOT
@@ -30,6 +30,16 @@ def test_reachable_targets_are_met(name):
         target = Target(pose.translation, None if name in PLACED_ONLY else pose.rotation)
         found = robot.location_to(target)
         assert np.abs(target.left(found.nominal.pose_base_to_end)).max() < REACHED
+
+
+@pytest.mark.parametrize(("each", "met"), [(0.5e-9, True), (0.6e-9, False)])
+@pytest.mark.parametrize("part", [slice(0, 3), slice(3, 6)])
+def test_met_is_a_distance_and_an_angle(part, each, met):
+    """As a compensation's status has it, and not the largest component."""
+    robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
+    result, left = robot.location_in_the_middle().nominal, np.zeros(6)
+    left[part] = each
+    assert Reached(np.zeros(6), result, left, (3, 3), True).met == met
 
 
 def test_a_place_alone_does_not_determine_an_arm():
