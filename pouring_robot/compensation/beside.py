@@ -25,9 +25,9 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
     """Return what brings the robot as built to a target, where the drawing stands at ``wanted``; and if it is singular.
 
     Singular is a pose around which the drives command more than in it, where Newton stands still without having met
-    the target, or does not settle. Of all starts beside it that settle within the limits, those with the nearest place
-    count, and of them the nearest drives. Where there is none, or none as near, it is where Newton stood still; None if
-    that is no better than the drives of ``wanted``: place or attitude are further off, or neither is nearer.
+    the target, or does not settle. Of all starts beside it that settle within the limits, the nearest place counts,
+    then the nearest attitude, then the nearest drives. Where there is none, or none as near, it is where Newton stood
+    still. None if that is no nearer than the drives of ``wanted``, or if Newton settled nowhere.
 
     Raises NoSolutionError if the loops do not close on the way from the pose itself.
     """
@@ -38,7 +38,7 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
     if stood.settled and (stood.met or sum(ranks) == min(6, len(here) - redundant_drives(solver.mechanism))):
         return stood, False
 
-    longest, starts = longest_steps(solver.mechanism), []
+    longest, starts, found = longest_steps(solver.mechanism), [], []
     for share in _shares(len(here)):
         drives = here + _ASIDE * longest * share
         try:
@@ -50,7 +50,6 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
             return stood, False  # it commands no more anywhere: what is left is what it cannot do
     most = max((commanded for commanded, _, _ in starts), key=sum, default=ranks)
 
-    found = []
     for commanded, drives, configuration in starts:
         if commanded == most:
             try:
@@ -60,14 +59,18 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
             if one.settled and not _beyond(robot, one):
                 found.append(one)
 
-    def nearness(one: Reached) -> tuple[int, float]:
-        # Rounded, so that of an elbow's two sides it is always the same that is taken.
-        return round(one.place_m / REACHED), round(float(np.abs((one.drives - here) / longest).max()), 6)
+    def nearness(one: Reached) -> tuple[float, ...]:
+        # Rounded, so that of an elbow's two sides it is always the same that is taken; what is met is equally near.
+        left = (max(1, round(size / REACHED)) for size in (one.place_m, one.angle_rad))
+        return *left, round(float(np.abs((one.drives - here) / longest).max()), 6)
 
     best = min(found, key=nearness, default=stood)
-    if stood.settled and stood.place_m < best.place_m - REACHED:
+    if stood.settled and _nearer(stood.left, best.left):
         best = stood
-    return (None if best is stood and stood.settled and not _better(stood, wanted, target) else best), True
+    before = target.left(wanted.actual.pose(wanted.loops.base_frame, target.frame or str(wanted.loops.end_frame)))
+    # Beside it the place comes first, as elsewhere; where Newton stood still, an attitude is no price for it.
+    good = best.settled and _nearer(best.left, before, at_no_cost=best is stood)
+    return (best if good else None), True
 
 
 def _shares(count: int) -> Iterator[FloatArray]:
@@ -78,12 +81,12 @@ def _shares(count: int) -> Iterator[FloatArray]:
         yield -shares
 
 
-def _better(found: Reached, wanted: Location, target: Target) -> bool:
-    """Return whether place or attitude are nearer than with the drives of ``wanted``, at no cost of the other."""
-    frame = target.frame or str(wanted.loops.end_frame)
-    before = target.left(wanted.actual.pose(wanted.loops.base_frame, frame))
-    was, now = (np.linalg.norm(left.reshape(2, 3), axis=1) for left in (before, found.left))
-    return bool((now < was - REACHED).any() and (now <= was + REACHED).all())
+def _nearer(left: FloatArray, other: FloatArray, *, at_no_cost: bool = False) -> bool:
+    """Return whether less is left, (6,), than other: of the place, ``at_no_cost`` of the attitude, or else of that."""
+    (place, angle), (placed, turned) = (np.linalg.norm(one.reshape(2, 3), axis=1) for one in (left, other))
+    if place < placed - REACHED:
+        return not at_no_cost or bool(angle <= turned + REACHED)
+    return bool(place <= placed + REACHED and angle < turned - REACHED)
 
 
 def _beyond(robot: Robot, found: Reached) -> bool:

@@ -27,7 +27,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach,
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
-from pouring_robot.robot.inverse import REACHED, Target, limited
+from pouring_robot.robot.inverse import REACHED, Target, limited, longest_steps
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
@@ -42,6 +42,7 @@ _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COL
 TOLERANCE = 1e-11
 """The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
 _MOST_STEPS = 25
+_FAR = 0.1  # of Newton's longest step: drives that go further, 10 mm or 0.03 rad, are said
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -281,7 +282,7 @@ class DriveCompensation(Result):
 
     @property
     def status(self) -> str:
-        """``reached``, ``nearest`` (the drives cannot cancel all) or ``kept``; then ``singular`` and what is worse."""
+        """``reached``, ``nearest`` (not all is cancelled) or ``kept`` (if singular); ``singular``; what is worse."""
         met = max(self.left.distance_m, self.left.angle_rad) < REACHED
         words = ["kept" if self.kept else "reached" if met else "nearest"]
         return " + ".join([*words, *["singular"] * self.singular, *(f"{name} worse" for name in self.worse)])
@@ -292,7 +293,7 @@ class DriveCompensation(Result):
         if self.kept:
             return (
                 f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off, "
-                "not compensated: the pose is singular and nothing better was found; the drives are kept: "
+                "not compensated: the pose is singular or nearly so and nothing better was found; the drives are kept: "
                 f"{', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
             )
         return (
@@ -328,14 +329,15 @@ class DriveCompensation(Result):
 def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) -> DriveCompensation:
     """Return the drive values that bring the actual robot to a location of the drawing.
 
-    What its drives command there is cancelled, the place first. Where the location is singular they may have to go far
-    for that; where nothing better is found, those of the location are kept. ``status`` tells both.
+    What its drives command there is cancelled, the place first. In or near a singular location they may have to go far
+    for that; where nothing better is found, those of the location are kept. ``status`` tells both. A drive that stands
+    beyond a limit by round-off is put on it.
 
     ``frame``: that shall be there; by default the one whose error counts.
 
     Raises:
         UnknownFrameError: there is no such frame.
-        NoSolutionError: a joint would pass its limits, no drive values are found, or the loops do not close on the way.
+        NoSolutionError: a joint would pass its limits, or the loops do not close on the way.
     """
     frame = frame or wanted.loops.working_frame
     nominal, actual = wanted.poses(frame)
@@ -343,20 +345,17 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     definition, before = robot.model.definition, PoseDifference.between(nominal, actual)
     axes = definition.drive_axes(robot.nominal_solver.mechanism)
     columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}
-    if found is None:
-        return DriveCompensation(wanted, frame, wanted.drives, columns, before, before, singular, kept=True)
-    drives, result = dict(zip(wanted.drives, found.drives.tolist(), strict=True)), found.result
-    left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
-    if not found.settled:
-        raise CompensationError(wanted.command, left.distance_m, left.angle_rad)
+    drives, result = dict(wanted.drives), wanted.actual
+    if found is not None:
+        drives, result = dict(zip(drives, found.drives.tolist(), strict=True)), found.result
     reach = joint_reach(robot.actual_solver.mechanism, result.joint_values | drives)
     refuse_beyond(reach)
     if over := {one.joint: one.inside for one in reach if one.joint in drives and one.margin < 0.0}:
-        # By round-off: a controller takes what stands on the limit, and what is left is said of that.
+        # By round-off, of what is kept too: a controller takes what stands on the limit; what is left is said of that.
         drives |= over
         result = robot.close_actual(np.array(list(drives.values())), result.configuration)
-        left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
-    return DriveCompensation(wanted, frame, drives, columns, before, left, singular)
+    left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
+    return DriveCompensation(wanted, frame, drives, columns, before, left, singular, kept=found is None)
 
 
 def drives_csv(found: Iterable[DriveCompensation]) -> str:
@@ -370,28 +369,32 @@ def drive_notes(found: Sequence[DriveCompensation]) -> list[str]:
     """Return what one should know of commands before they are sent to a robot, a line each."""
     notes, many = [], f"of {len(found)} poses"
 
-    def furthest(one: DriveCompensation) -> dict[str, float]:
-        """Return the drive of each unit that goes furthest from what it was, and how far, in m or rad."""
-        mechanism, by_unit = one.wanted.nominal.mechanism, dict[str, tuple[str, float]]()
-        for name, value in one.drives.items():
-            moved, unit = abs(value - one.wanted.drives[name]), mechanism.unit_of(name)
-            if moved > by_unit.get(unit, ("", REACHED))[1]:
-                by_unit[unit] = name, moved
-        return dict(by_unit.values())
+    def far(one: DriveCompensation) -> list[tuple[float, str]]:
+        """Return how far drives go that go far from what was wanted, in m or rad, and which."""
+        steps = zip(one.drives, longest_steps(one.wanted.nominal.mechanism), strict=True)
+        moved = [(abs(one.drives[name] - one.wanted.drives[name]), name, step) for name, step in steps]
+        return [(way, name) for way, name, step in moved if way > _FAR * step]
 
-    if beside := [one for one in found if one.singular and not one.kept]:
-        far = max(beside, key=lambda one: max(furthest(one).values(), default=0.0))
-        by = " and ".join(drive_words(far.wanted.nominal.mechanism, furthest(far)))
+    if ways := [way for one in found if (way := far(one))]:
+        mechanism = found[0].wanted.nominal.mechanism
+        ascending = sorted(pair for way in ways for pair in way)
+        furthest = {mechanism.unit_of(name): (name, way) for way, name in ascending}  # the last of each unit
+        by = " and ".join(drive_words(mechanism, dict(furthest.values())))
         notes.append(
-            f"singular (stretched out, or axes on one line): {len(beside)} {many}; what is commanded there is "
-            f"as far as {by} from what was wanted; look at it before the robot moves"
+            f"drives go far from what was wanted: {len(ways)} {many}, by up to {by}; errors are large, or poses are "
+            "singular or nearly so (stretched out, axes on one line): look at it before the robot moves"
         )
     if kept := sum(one.kept for one in found):
-        notes.append(f"singular, and nothing better found: {kept} {many}, not compensated, their drives kept as given")
-    for what, unit, scale in (("position", "mm", MM), ("attitude", "mrad", MRAD)):
+        notes.append(
+            f"not compensated, as singular or nearly so and nothing better found: {kept} {many}, their drives are kept"
+        )
+    for what, unit, scale, why in (
+        ("position", "mm", MM, "command the drives of the poses themselves there"),
+        ("attitude", "mrad", MRAD, "the drives cannot cancel all, and the place comes first"),
+    ):
         if worse := [one.worse[what] for one in found if what in one.worse]:
             notes.append(
                 f"{what} further off with compensation than without: {len(worse)} {many}, by up to "
-                f"{max(worse) / scale:.2g} {unit}; the drives cannot cancel all, and the place comes first"
+                f"{max(worse) / scale:.2g} {unit}; {why}"
             )
     return notes

@@ -1,14 +1,19 @@
 """A SCARA whose forearm is 8 mm longer than drawn, against its closed form: on limits, and stretched out."""
 
 import csv
+import dataclasses
+import itertools
 import math
 
 import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
+from pouring_robot.compensation.beside import bring_to
 from pouring_robot.compensation.pose import compensate_drives, drive_notes
 from pouring_robot.exceptions import UnreachablePoseError
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.inverse import Reached, Target
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
 
@@ -105,7 +110,7 @@ def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
     asked = ["compensate", str(tmp_path / "path.csv"), "--model", str(tmp_path / "model.yaml")]
     assert main([*asked, "--out", str(tmp_path / "out.csv")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "singular, and nothing better found: 1 of 2 poses, not compensated, their drives kept as given" in said
+    assert "as singular or nearly so and nothing better found: 1 of 2 poses, their drives are kept" in said
     with (tmp_path / "out.csv").open() as stream:
         assert [row["status"] for row in csv.DictReader(stream)] == ["reached", "kept + singular"]
     assert list(robot.read_commands(tmp_path / "out.csv").values())[1] == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-12)
@@ -121,5 +126,100 @@ def test_what_no_drive_turns_back_is_said(files):
         assert one.left.distance_m < 1e-9
         assert one.left.angle_rad == pytest.approx(math.hypot(0.5e-3, 0.2e-3), rel=1e-3)
         assert one.status == f"nearest{singular}"
+
+
+@pytest.mark.parametrize("bent", [0.0, 1e-7, 1e-6, 1e-4, 0.01])
+def test_short_of_its_reach_it_stays_nearly_stretched_too(files, bent):
+    """80 um short: the pose is singular, nearly so, or Newton goes to and fro about what is out of reach."""
+    robot = built(files, longer=-8e-5)
+    found = compensate_drives(robot, wanted := robot.location_at([0.2, bent, 0.1, 0.0]))
+    assert found.status == "kept + singular"
+    assert found.drives == wanted.drives
+    assert drive_notes([found]) == [
+        "not compensated, as singular or nearly so and nothing better found: 1 of 1 poses, their drives are kept"
+    ]
+
+
+@pytest.mark.parametrize(("over", "within"), [(-8e-10, 0.0), (STROKE + 8e-10, STROKE)])
+def test_what_is_kept_lies_within_the_limits(files, over, within):
+    robot = built(files, longer=-LONGER)
+    found = compensate_drives(robot, robot.location_at([0.2, 0.0, over, 0.0]))
+    assert found.kept
+    assert found.drives == {"j1": 0.2, "j2": 0.0, "j3": within, "j4": 0.0}
+
+
+@pytest.mark.parametrize(("bent", "status"), [(0.0, "reached + singular"), (1e-5, "reached"), (1e-2, "reached")])
+def test_that_drives_go_far_is_said_whatever_is_singular(files, bent, status):
+    robot = built(files)
+    locations = [robot.location_at([0.2, angle, 0.1, 0.0]) for angle in (bent, math.pi / 2)]
+    found = [compensate_drives(robot, one) for one in locations]
+    far = math.degrees(abs(found[0].drives["j2"] - bent))
+    assert [one.status for one in found] == [status, "reached"]
+    assert 17.0 < far < 20.0
     (note,) = drive_notes(found)
-    assert note.startswith("singular (stretched out, or axes on one line): 1 of 2 poses; ")
+    assert note.startswith(f"drives go far from what was wanted: 1 of 2 poses, by up to j2 {far:.5f} deg; ")
+
+
+def test_a_position_that_is_worse_than_without_is_said(files):
+    """It has no known case: whatever Newton ends with, nobody is to send it unwarned."""
+    robot = built(files)
+    found = compensate_drives(robot, robot.location_at([0.2, 0.7, 0.1, 0.0]))
+    found = dataclasses.replace(found, before=found.left, left=PoseDifference(np.array([2e-3, 0.0, 0.0]), np.zeros(3)))
+    assert found.status == "nearest + position worse"
+    assert drive_notes([found])[-1] == (
+        "position further off with compensation than without: 1 of 1 poses, by up to 2 mm; "
+        "command the drives of the poses themselves there"
+    )
+
+
+def searched(files, monkeypatch, stood, *beside):
+    """Return what is found where Newton ends so, from the stretched pose and from beside it, by turns.
+
+    Each: the way of j1 (rad), how far place (m) and attitude (rad) are off, and whether it settled. Without
+    compensation they are 8 mm and 1 mrad off.
+    """
+    place = JointPlacement(translation_mm=(8.0, 0.0, 0.0), rotation_mrad=(0.0, 0.0, 1.0))
+    model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
+    robot = Robot(model)
+    wanted = robot.location_at([0.2, 0.0, 0.1, 0.0])
+    here = np.array(list(wanted.drives.values()))
+
+    # The first is the drawing, which is where it is.
+    ends = itertools.chain([(0.0, 0.0, 0.0, True), stood], itertools.cycle(beside))
+
+    def bring(*_, **__):
+        way, place_m, angle_rad, settled = next(ends)
+        left = np.array([place_m, 0.0, 0.0, 0.0, angle_rad, 0.0])
+        return Reached(here + np.array([way, 0.0, 0.0, 0.0]), wanted.actual, left, (2, 1), settled)
+
+    monkeypatch.setattr("pouring_robot.compensation.beside.bring", bring)
+    nominal = wanted.poses("tool")[0]
+    found, singular = bring_to(robot, wanted, Target(nominal.translation, nominal.rotation, "tool"))
+    assert singular
+    return found and (float(found.drives[0] - 0.2), found.place_m, found.angle_rad)
+
+
+NOWHERE = (0.0, 0.0, 0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("stood", "beside", "found"),
+    [
+        # of two that meet the place, the one that meets the attitude, though it is further; else the nearer
+        (NOWHERE, [(0.1, 0.0, 5e-4, True), (0.2, 0.0, 0.0, True)], (0.2, 0.0, 0.0)),
+        (NOWHERE, [(0.2, 0.0, 1e-10, True), (0.1, 0.0, 9e-10, True)], (0.1, 0.0, 9e-10)),
+        # the place comes first
+        (NOWHERE, [(0.1, 1e-3, 0.0, True), (0.2, 0.0, 3e-3, True)], (0.2, 0.0, 3e-3)),
+        # no nearer than without, or nowhere: kept
+        (NOWHERE, [(0.1, 9e-3, 2e-3, True)], None),
+        (NOWHERE, [(0.1, 9e-3, 0.0, True)], None),
+        (NOWHERE, [NOWHERE], None),
+        # where Newton stood still: if that is nearer, and the attitude is no price
+        ((0.0, 2e-3, 1e-3, True), [(0.1, 3e-3, 0.0, True)], (0.0, 2e-3, 1e-3)),
+        ((0.0, 0.0, 5e-4, True), [(0.1, 0.0, 6e-4, True)], (0.0, 0.0, 5e-4)),
+        ((0.0, 2e-3, 2e-3, True), [NOWHERE], None),
+        ((0.0, 0.0, 2e-3, True), [(0.1, 0.0, 0.0, True)], (0.1, 0.0, 0.0)),
+    ],
+)
+def test_what_counts_of_what_is_found(files, monkeypatch, stood, beside, found):
+    assert searched(files, monkeypatch, stood, *beside) == (found and pytest.approx(found, abs=1e-12))
