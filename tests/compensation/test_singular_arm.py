@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.compensation.pose import compensate_drives
+from pouring_robot.compensation.pose import compensate_drives, drive_notes
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
 
@@ -84,3 +84,14 @@ def test_elsewhere_it_is_no_search(arm):
     found = compensate_drives(arm, arm.location_at(wanted))
     assert max(missing(list(found.drives.values()), wanted)) < 1e-9
     assert found.status == "reached"
+
+
+def test_of_each_unit_the_drive_that_goes_furthest_is_said(arm):
+    """Over all poses, whichever they are; in mm and degrees."""
+    wanted = [[1.5, bent, 0.0, 0.0, 0.0, -bent, 0.0, 0.0] for bent in (0.0, 0.3)]
+    found = [compensate_drives(arm, arm.location_at(drives)) for drives in wanted]
+    ways = np.array([[abs(one.drives[name] - one.wanted.drives[name]) for name in one.drives] for one in found])
+    slide, turn = ways[:, 0].max(), ways[:, 1:].max()
+    name = NAMES[int(ways[:, 1:].max(axis=0).argmax())]
+    (note,) = drive_notes(found)
+    assert f"2 of 2 poses, by up to {name} {np.degrees(turn):.5f} deg and rail {1e3 * slide:.4f} mm; " in note
