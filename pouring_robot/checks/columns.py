@@ -187,29 +187,28 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
         backwards &= bool((np.diff(time[members]) <= 0.0).all())
     if not rows:
         return
-    figures = {"rows": float(len(rows)), "falls": float(steps)}
+    figures, heading = {"rows": float(len(rows)), "falls": float(steps)}, f"column '{campaign.heading('time')}'"
     if steps < _SHUFFLED * len(campaign):
-        message = f"column '{campaign.heading('time')}' does not increase at {where(campaign, rows)}"
+        message = f"{heading} does not increase at {where(campaign, rows)}"
         yield found(campaign, FlagCode.TIME_NOT_INCREASING, message, rows, ["time"], figures)
+        return
+    if backwards:  # temperatures run as smoothly one way as the other
+        message = f"{heading} falls from row to row: the newest row comes first"
+        remedy = "sort the rows of each session by time, so that its oldest comes first"
+        yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures, remedy=remedy)
         return
     # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
     by_time, by_row = _roughness(campaign, np.argsort(time, kind="stable")), _roughness(campaign, slice(None))
-    order = (
-        "falls from row to row: the newest row comes first"
-        if backwards
-        else f"runs in no order, it falls {steps} times"
-    )
-    message = f"column '{campaign.heading('time')}' {order}"
+    message = f"{heading} runs in no order, it falls {steps} times"
     if by_time < by_row:
         remedy = "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
         message += "; the temperatures run smoothly by it"
         told, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
         yield found(campaign, told, message, (), ["time"], figures, severity=severity, remedy=remedy)
         return
-    message += "" if backwards else ", and is not that of the rows"
+    message += ", and is not that of the rows"
     message += "; the temperatures run smoothly by row" if by_row < by_time else ""
-    remedy = "sort the rows by time, so that the oldest comes first" if backwards else ""
-    yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures, remedy=remedy)
+    yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures)
 
 
 def _roughness(campaign: Campaign, order: Rows | slice) -> float:
