@@ -129,16 +129,22 @@ def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rai
 
 
 @pytest.mark.parametrize(
-    ("base", "travel", "says"),
+    ("base", "travel", "frame"),
     [
-        ("hall", "rails", "travel 'rails' lies between base_frame 'hall' and end_frame 'hook'"),
-        ("bridge", "pan", "travel 'pan' lies between base_frame 'bridge' and a loop's 'wire_end'"),
+        ("hall", "rails", "hall"),  # between base and hook
+        ("bridge", "pan", "bridge"),  # between base and the end of a loop
+        ("bridge", "lamp", "bridge"),  # beside both
+        ("hung", "lamp", "hook"),  # above the base only
     ],
 )
-def test_a_travel_that_moves_the_robot_in_its_base_is_no_travel(gantry, base, travel, says):
+def test_a_travel_that_does_not_carry_base_and_robot_is_no_travel(gantry, base, travel, frame):
+    urdf, lamp = gantry.with_name("gantry.urdf"), '<joint name="lamp" type="prismatic"><parent link="bridge"/>'
+    lamp += '<child link="hung"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>'
+    urdf.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", f'<link name="hung"/>{lamp}</robot>'), "utf-8")
     text = GANTRY.replace("base_frame: bridge", f"base_frame: {base}").replace("[rails]", f"[{travel}]")
     gantry.write_text(text, encoding="utf-8")
-    with pytest.raises(DescriptionError, match=re.escape(f"{says}, and would be held at its home; make it a drive")):
+    says = f"travel '{travel}' would be held at its home, but it does not carry '{frame}'; make it a drive"
+    with pytest.raises(DescriptionError, match=re.escape(says)):
         RobotDefinition.load(gantry)
 
 

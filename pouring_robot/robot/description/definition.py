@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import functools
 import io
+import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -135,7 +136,10 @@ class RobotDefinition:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
         # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
         carrying = [joint for joint in file.travel if kinds[joint] != "fixed"]
-        self._check_travels(carrying, root)
+        ends = (name for loop in self.loops.loops for name in (loop.frame_a, loop.frame_b))
+        base, end = self.loops.base_frame, self.loops.end_frame
+        above = {name: {*carriers(root, name)} for name in (base, end, *ends) if name is not None}
+        self._check_travels(carrying, above)
         locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
         self.loops = self.loops.model_copy(update={"locked_joints": locked})
         frames = (*self._links, *kinds)
@@ -144,10 +148,9 @@ class RobotDefinition:
             raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
         self._check_home(root.iterfind("joint"))
         self._check_zeros(root.iterfind("joint"))
-        idle = {*carriers(root, self.loops.base_frame)}.intersection(carriers(root, self.loops.end_frame or ""))
         for drive in self.drives:
-            if drive.joint in idle:
-                problem = f"base_frame '{self.loops.base_frame}' is carried by the drive '{drive.joint}'"
+            if end is not None and drive.joint in above[base] & above[end]:
+                problem = f"base_frame '{base}' is carried by the drive '{drive.joint}'"
                 raise DescriptionError(path, f"{problem}, which poses seen from it do not show; name a link above it")
 
     @classmethod
@@ -172,17 +175,13 @@ class RobotDefinition:
             return load_loops(self.path.parent / file.loops).model_copy(update=said)
         return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
 
-    def _check_travels(self, travels: Iterable[str], root: etree._Element) -> None:
-        """Refuse what would be held at its home though it moves the end body, or a chain, and not the base alone."""
-        base, end = self.loops.base_frame, self.loops.end_frame
-        moved = [end, *(frame for loop in self.loops.loops for frame in (loop.frame_a, loop.frame_b))]
-        for frame in filter(None, moved):
-            between = {*carriers(root, base)}.symmetric_difference(carriers(root, frame))
-            for travel in travels:
-                if travel in between:
-                    what = "end_frame" if frame == end else "a loop's"
-                    problem = f"travel '{travel}' lies between base_frame '{base}' and {what} '{frame}'"
-                    raise DescriptionError(self.path, f"{problem}, and would be held at its home; make it a drive")
+    def _check_travels(self, travels: Iterable[str], above: Mapping[str, Collection[str]]) -> None:
+        """Refuse what would be held at its home though it does not carry all frames; ``above``: their carriers."""
+        for travel, (frame, joints) in itertools.product(travels, above.items()):
+            if travel not in joints:
+                problem = f"travel '{travel}' would be held at its home, but it does not carry '{frame}'"
+                mend = f"make it a drive, or leave it out: a travel carries '{self.loops.base_frame}' and all in it"
+                raise DescriptionError(self.path, f"{problem}; {mend}")
 
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""

@@ -70,7 +70,7 @@ class RobotFile(StrictModel):
     usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
     usual_moment_nm: float = pydantic.Field(default=100.0, gt=0.0)
     payload_frame: str | None = None  # where a payload hangs
-    travel: tuple[str, ...] = ()  # joints that carry base_frame; they take no part in the closure either
+    travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure either
     # joint values (m, rad) near which the robot closes; by default all zero
     home: dict[str, float] = pydantic.Field(default_factory=dict)
 
