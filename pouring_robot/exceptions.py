@@ -311,13 +311,23 @@ class DiagnosisError(DataError):
 class MissingConditionsError(BadInputError):
     """A model's effect depends on conditions that nobody gave: columns, or keys of a campaign's YAML."""
 
-    def __init__(self, effect: str, headings: Sequence[str]) -> None:
+    def __init__(self, effect: str, headings: Sequence[str], instead: Sequence[str] = ()) -> None:
         self.effect, self.headings = effect, tuple(headings)
         first = self.headings[0]
+        # in words; what drives carry does instead of the load
+        self.needed = ", ".join(headings) + (f" (or, for the load, {', '.join(instead)})" if instead else "")
         super().__init__(
-            f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
+            f"the model's effect '{effect}' needs {self.needed}: give it as a column of that name beside the "
             f"poses, or for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
         )
+
+
+class TooLargeError(BadInputError):
+    """A joint or drive is displaced by more than can be an error of a robot; ``problem`` is that without the mend."""
+
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(f"{problem}; check the unit")
 
 
 class TemperatureError(BadInputError):

@@ -5,7 +5,7 @@ Forces follow from virtual work: a drive that yields by dq under the weight W at
 
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -319,13 +319,14 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
     )
 
 
-def learned_ranges(learned: LearnedCampaign, robot: RobotDefinition) -> dict[str, tuple[float, float]]:
-    """Return over what effects were learned in a campaign, by heading in inner units.
+def force_headings(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the headings of what each drive carries."""
+    return tuple(column.canonical for column in robot.condition_columns if column.kind in ("force", "moment"))
 
-    Where the links' own weight counts, a load that the campaign did not say was taken to be none.
-    """
-    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and causes_of(robot).own_weight else {}
-    return assumed | learned.ranges
+
+def forces_measured(robot: RobotDefinition, headings: Collection[str]) -> bool:
+    """Return whether some headings say what every drive carries, so that no load need be known."""
+    return {*force_headings(robot)} <= {*headings}
 
 
 def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:

@@ -16,8 +16,19 @@ import numpy as np
 from pouring_robot.batch.structure import Structure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
-from pouring_robot.effects.conditions import RISE, Conditions, NominalRows, condition_names, conditions_of, told
-from pouring_robot.effects.facts import facts_of, known_facts, sources
+from pouring_robot.effects.conditions import (
+    FORCE,
+    LOAD,
+    RISE,
+    Conditions,
+    NominalRows,
+    condition_names,
+    conditions_of,
+    force_headings,
+    forces_measured,
+    told,
+)
+from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
@@ -143,14 +154,15 @@ def stack_of(
             counted[entry.learned] = conditions(learned)
         rows = counted[entry.learned]
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
-        also = [heading for heading in sources(_goes_by(effect, rows, given), model.definition) if heading in lost]
-        missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *also)))
+        unsaid, instead = _unsaid(effect, model.definition, given, lost)
+        missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *unsaid)))
         warmed = effect.driven_by.endswith(RISE)
         thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
         if thermometers and missing and not {*missing} & {*lost}:
             missing = thermometers  # any would do where it was learned: those that were there
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
-            raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
+            needed = [h for h in missing if not learned or "." not in h] or missing
+            raise MissingConditionsError(entry.effect, needed, instead)
         try:
             form = {p.name: p for p in effect.form(entry.form, rows).parameters}
         except BadInputError as problem:
@@ -203,22 +215,41 @@ def changes_by_stack(
         if by_order := said_of_order(model, problem):
             raise model.fault(by_order) from problem
         raise refusal(
-            f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
-            "say it",
+            f"the model's effect '{problem.effect}' needs {problem.needed}, and the campaign does not say it",
             "add it to the campaign, or take the effect out of the model file",
         ) from problem
     local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
     return RowChanges.of(local, structure, len(campaign)), untold
 
 
-def _goes_by(effect: Effect, rows: Conditions, given: Collection[str]) -> tuple[str, ...]:
-    """Return conditions that an effect goes by where it was learned with them, though it can be worked out without.
+def _unsaid(
+    effect: Effect, robot: RobotDefinition, given: Collection[str], lost: Collection[str]
+) -> tuple[list[str], list[str]]:
+    """Return what of the lost headings an effect goes by, though it can be worked out without; forces for the load.
 
-    The links' own weight alone makes forces on drives; where they are all measured nobody asks for the load.
+    The links' own weight alone makes forces on drives: the load is asked for, or all forces that were measured.
     """
-    forces = {column.canonical for column in rows.robot.condition_columns if column.kind in ("force", "moment")}
-    varied = () if forces <= {*given} else (facts_of(need, rows.robot).varied for need in effect.needs)
-    return (*effect.shaped_by, *filter(None, varied))
+    shaped = [heading for heading in sources(effect.shaped_by, robot) if heading in lost and heading != LOAD]
+    forces = [heading for heading in force_headings(robot) if heading in lost]
+    told = LOAD in given or forces_measured(robot, given) or not (forces or LOAD in lost)
+    if told or not _goes_by_forces(effect):
+        return shaped, []
+    return [*shaped, LOAD], forces if LOAD not in lost or forces_measured(robot, {*given, *forces}) else []
+
+
+def _goes_by_forces(effect: Effect) -> bool:
+    """Return whether an effect goes by what drives carry, which the load changes."""
+    return "weight_n" in effect.shaped_by or any(need.endswith(FORCE) for need in effect.needs)
+
+
+def learned_ranges(effect: Effect, learned: LearnedCampaign, robot: RobotDefinition) -> dict[str, tuple[float, float]]:
+    """Return over what an effect was learned in a campaign, by heading in inner units.
+
+    Where it goes by forces that were worked out, a load that the campaign did not say was taken to be none.
+    """
+    worked_out = causes_of(robot).own_weight and not forces_measured(robot, learned.ranges)
+    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and worked_out and _goes_by_forces(effect) else {}
+    return assumed | learned.ranges
 
 
 def _is_known(parameter: EffectParameter) -> bool:

@@ -10,7 +10,8 @@ robot is then seen from where its base stood by the drawing, or in the mean of t
 
 import contextlib
 import copy
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,11 +26,18 @@ from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
-from pouring_robot.effects.conditions import Conditions, conditions_of, learned_ranges, told
+from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects, local_changes, said_of_order, stack_of
-from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
+from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, said_of_order, stack_of
+from pouring_robot.exceptions import (
+    BadInputError,
+    CompensationError,
+    MissingConditionsError,
+    NoSolutionError,
+    TooLargeError,
+    closest,
+)
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
 from pouring_robot.io.tables import LARGEST, LATEST, read_table
@@ -152,15 +160,15 @@ class RobotUnderConditions:
             if by_order := said_of_order(self.robot.model, problem):
                 raise self.robot.model.fault(by_order) from problem
             raise
-        self.notes = (*self._notes(given), *untold)
+        beyond = self._beyond(given)
+        self.notes = (*beyond.values(), *self._notes(), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         try:
             return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
-        except BadInputError as problem:  # too large to be an error of a robot
-            if beyond := self._far_out(drives, given):
-                what, *_ = str(problem).partition("; ")  # no unit is wrong
+        except TooLargeError as problem:
+            if far := self._far_out(drives, beyond):  # no unit is wrong
                 mend = "stay within that, or measure there and diagnose again"
-                raise self.robot.model.fault(f"{beyond}; there {what}; {mend}") from problem
+                raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
             raise
 
     def idle(self, drives: FloatArray) -> tuple[str, ...]:
@@ -228,7 +236,7 @@ class RobotUnderConditions:
     def _beyond(self, told: Mapping[str, FloatArray]) -> dict[str, str]:
         """Return by heading, in a line each, the drives and conditions that lie beyond what was learned."""
         lines = dict[str, str]()
-        for heading, (low, high) in self._learned_over().items():
+        for heading, (low, high) in self._learned_over.items():
             if heading in told:
                 values = told[heading]
                 far = float(values[np.argmax(np.maximum(low - values, values - high))])
@@ -237,9 +245,9 @@ class RobotUnderConditions:
                     lines[heading] = f"{heading} {far:.6g} lies beyond {over} which effects were learned"
         return lines
 
-    def _far_out(self, drives: FloatArray, told: Mapping[str, FloatArray]) -> str:
+    def _far_out(self, drives: FloatArray, beyond: Mapping[str, str]) -> str:
         """Return which conditions beyond what was learned are why there are no robots; "" where others are."""
-        beyond, ranges, nearer = self._beyond(told), self._learned_over(), copy.copy(self)
+        ranges, nearer = self._learned_over, copy.copy(self)
         names = {q.name: q.canonical for q in self.definition.condition_columns if q.canonical in beyond}
         if not names:
             return ""
@@ -250,25 +258,23 @@ class RobotUnderConditions:
             return ""
         return " and ".join(beyond[heading] for heading in names.values())
 
+    @functools.cached_property
     def _learned_over(self) -> dict[str, tuple[float, float]]:
-        """Return from where to where each drive and condition went where effects were learned, by heading."""
-        names = dict.fromkeys(entry.learned for entry in self.robot.model.effects if not entry.placed)
-        every = [learned_ranges(self.robot.model.learned[name], self.definition) for name in names]
-        found = dict[str, tuple[float, float]]()
-        for heading, (low, high) in (item for ranges in every for item in ranges.items()):
-            lowest, highest = found.get(heading, (low, high))
-            found[heading] = min(low, lowest), max(high, highest)
+        """From where to where each drive and condition went where effects were learned, by heading."""
+        found, known = dict[str, tuple[float, float]](), all_effects(self.definition)
+        for entry in (entry for entry in self.robot.model.effects if not entry.placed):
+            learned = self.robot.model.learned[entry.learned]
+            for heading, (low, high) in learned_ranges(known[entry.effect], learned, self.definition).items():
+                lowest, highest = found.get(heading, (low, high))
+                found[heading] = min(low, lowest), max(high, highest)
         return found
 
-    def _notes(self, told: Mapping[str, FloatArray]) -> tuple[str, ...]:
-        """Return what one should know of drives and conditions, by heading, in a line each."""
-        stack = [entry for entry in self.robot.model.effects if not entry.placed]
+    def _notes(self) -> Iterator[str]:
+        """Yield, in a line each, which effects do nothing here."""
         known = all_effects(self.definition)
-        seen = [entry.effect for entry in stack if not known[entry.effect].moves_robot]
-        return (
-            *self._beyond(told).values(),
-            *(f"{effect} moves no robot: it is of the measuring device" for effect in seen),
-        )
+        for entry in self.robot.model.effects:
+            if not (entry.placed or known[entry.effect].moves_robot):
+                yield f"{entry.effect} moves no robot: it is of the measuring device"
 
 
 def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:

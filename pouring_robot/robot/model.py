@@ -21,7 +21,14 @@ import pinocchio as pin
 import pydantic
 from ruamel.yaml import YAML
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
+from pouring_robot.exceptions import (
+    BadInputError,
+    DescriptionError,
+    ModelFileError,
+    TooLargeError,
+    UnknownJointError,
+    closest,
+)
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.given import expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
@@ -304,9 +311,7 @@ class RobotModel(StrictModel):
             (turn, _LARGEST_MRAD, "mrad", ""),
         ):
             if abs(value) > most:
-                raise BadInputError(
-                    f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why}); check the unit"
-                )
+                raise TooLargeError(f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why})")
 
     def loops(self) -> LoopsFile:
         """Return the declaration of the loops."""

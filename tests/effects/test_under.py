@@ -355,15 +355,18 @@ def test_a_virtual_measurement_is_not_without_what_the_model_learned():
         simulate_campaign(robot, plan)
 
 
-def taught_arm(effect, form, parameter, loads):
-    """Return an arm that learned one parameter of an effect, in two rows with loads or (None) without, and its home."""
+def taught_arm(effect, form, parameter, loads, **measured):
+    """Return an arm that learned one parameter of an effect, in two rows with loads or (None) without, and its home.
+
+    What else was ``measured`` is by heading.
+    """
     from pouring_robot.effects.examples import complete_conditions
 
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
     home, kind = model.definition.home_drives, all_effects(model.definition)[effect]
     conditions = complete_conditions(model.definition, 2)
     (found,) = (p for f in kind.forms(conditions) if f.name == form for p in f.parameters if p.name == parameter)
-    given = {} if loads is None else {"payload_kg": loads}
+    given = measured if loads is None else {"payload_kg": loads, **measured}
     rows = RobotUnderConditions(robot_of(model), given)._rows(np.stack([home, home + 0.3]))
     entry = EffectEntry(
         effect=effect,
@@ -385,17 +388,58 @@ def test_a_load_that_was_learned_is_not_taken_for_none():
     assert light != heavy
     unloaded, _ = taught_arm(*spring, None)
     assert robots_under(unloaded, [home], {})[0].model.drive_offsets == light
-    measured = {f"{drive.force_column}_Nm": 1.0 for drive in model.definition.drives}
-    assert robots_under(model, [home], measured), "who measures what drives carry need not say what they lift"
+    assert robots_under(model, [home], moments_of(model)), "who measures what drives carry need not say what they lift"
     waves, _ = taught_arm("joint_periodic", "turns", "q2_sine_1", [0.0, 10.0])
     assert robots_under(waves, [home], {})  # no load changes them
 
 
+def moments_of(model):
+    """Return a moment on each drive of an arm, by heading."""
+    return {f"{drive.force_column}_Nm": 1.0 for drive in model.definition.drives}
+
+
+@pytest.mark.parametrize("loads", [None, [0.0, 10.0]])
+def test_forces_that_were_measured_are_not_taken_for_the_links_own_weight(loads):
+    """All of them do, or the load that they follow from."""
+    measured = moments_of(RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml"))
+    model, home = taught_arm("drive_compliance", "spring", "q2_yield", loads, **measured)
+    some = {"force_q1_Nm": 1.0}
+    for given in ({}, some):
+        with pytest.raises(MissingConditionsError) as problem:
+            robots_under(model, [home], given)
+        asked = problem.value
+        assert asked.headings == ("payload_kg",)
+        assert f"needs payload_kg (or, for the load, {', '.join(h for h in measured if h not in given)}): " in str(
+            asked
+        )
+    assert robots_under(model, [home], measured) and robots_under(model, [home], {"payload_kg": 5.0})
+
+
+def test_play_goes_by_the_load_that_presses_it():
+    """What is measured of it stands for it."""
+    play = ("drive_backlash", "both_sides", "q2_play")
+    sides = {f"approach_q{k + 1}": 1.0 for k in range(6)}
+    model, home = taught_arm(*play, [0.0, 10.0], **sides)
+    with pytest.raises(MissingConditionsError, match="'drive_backlash' needs payload_kg: "):
+        robots_under(model, [home], sides)
+    assert robots_under(model, [home], sides | moments_of(model))
+    assert robots_under(taught_arm(*play, None, **sides)[0], [home], sides)
+
+
 def test_a_load_beyond_none_is_said_where_a_campaign_had_none():
-    model, home = taught_arm("drive_compliance", "spring", "q2_yield", None)
-    said = {}
-    for load in (0.0, 20.0):
-        under = RobotUnderConditions(robot_of(model), {"payload_kg": load})
+    """It was taken for none where forces were worked out only."""
+    spring = ("drive_compliance", "spring", "q2_yield")
+    model, home = taught_arm(*spring, None)
+    waves, _ = taught_arm("joint_periodic", "turns", "q2_sine_1", None)
+    moments = moments_of(model)
+    measured, _ = taught_arm(*spring, None, **moments)
+    both = model.model_copy(update={"effects": [*model.effects, *waves.effects]})
+
+    def notes(taught, load, given):
+        under = RobotUnderConditions(robot_of(taught), {"payload_kg": load, **given})
         under.robots(np.array([home]))
-        said[load] = under.notes
-    assert said == {0.0: (), 20.0: ("payload_kg 20 lies beyond 0, at which effects were learned",)}
+        return under.notes
+
+    beyond = ("payload_kg 20 lies beyond 0, at which effects were learned",)
+    for taught, given, said in ((model, {}, beyond), (both, {}, beyond), (waves, {}, ()), (measured, moments, ())):
+        assert (notes(taught, 0.0, given), notes(taught, 20.0, given)) == ((), said)
