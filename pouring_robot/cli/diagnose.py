@@ -72,8 +72,8 @@ def _print(diagnosis: Diagnosis) -> None:
 
     options.say(headline(diagnosis), style="bold")
     options.say(gap_sentence(diagnosis))
-    if diagnosis.worse:
-        options.say(worse_sentence(diagnosis), style="bold")
+    if said := worse_sentence(diagnosis):
+        options.say(said, style="bold")
     print_table(*gap_table(diagnosis), left=(0, 1))
     for heading, lines in sections(diagnosis):
         options.say(f"{heading}:", style="bold")

@@ -14,7 +14,7 @@ from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign, ParameterEntry
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 
 _VALUE_DIGITS, _STD_DIGITS = 9, 4
@@ -22,7 +22,7 @@ _STILL = 1e-12
 
 
 def amended(diagnosis: Findings) -> RobotModel:
-    """Return the given model with everything added that the diagnosis fitted.
+    """Return the given model with everything added that the diagnosis fitted, marked if held-out rows speak against it.
 
     Placements are composed exactly. Against the diagnosis, which adds up the twists at one joint, that is a difference
     of second order in its rotations.
@@ -42,29 +42,14 @@ def amended(diagnosis: Findings) -> RobotModel:
             if chosen:
                 entries.append(_entry(effect, form, wanted, chosen))
     model = inside.amended(_local(inside, placed))
-    if all(entry.placed for entry in entries):
-        return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries]})
-    name, here = _learned_here(diagnosis)
-    learned = {**diagnosis.model.learned, name: here}
+    learned, name = dict(diagnosis.model.learned), diagnosis.campaign.path.stem
+    while name in learned:
+        name += "_again"
+    if diagnosis.overfitted or not all(entry.placed for entry in entries):
+        here = learned_in(diagnosis.rows.campaign, diagnosis.rows.conditions)
+        learned[name] = here.model_copy(update={"worse": diagnosis.overfitted})
     entries = [entry if entry.placed else entry.model_copy(update={"learned": name}) for entry in entries]
     return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries], "learned": learned})
-
-
-def marked_worse(diagnosis: Findings, model: RobotModel) -> RobotModel:
-    """Return the amended model with the mark that it is further from the campaign's held-out rows than the given one.
-
-    Where all that it learned stands still nothing else is said of the campaign.
-    """
-    name, here = _learned_here(diagnosis)
-    return model.model_copy(update={"learned": {**model.learned, name: here.model_copy(update={"worse": True})}})
-
-
-def _learned_here(diagnosis: Findings) -> tuple[str, LearnedCampaign]:
-    """Return what shapes that are learned in this campaign count from, and its name in the model."""
-    name = diagnosis.campaign.path.stem
-    while name in diagnosis.model.learned:
-        name += "_again"
-    return name, learned_in(diagnosis.rows.campaign, diagnosis.rows.conditions)
 
 
 def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:

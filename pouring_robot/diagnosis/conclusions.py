@@ -96,5 +96,4 @@ class Conclusions(Findings):
     @property
     def worse(self) -> bool:
         """Whether the amended model is further from the held-out rows than the given one."""
-        gap = self.gaps.get("held_out")
-        return gap is not None and gap.position("after") > WORSE * gap.position("before")
+        return self.overfitted and not self.refused

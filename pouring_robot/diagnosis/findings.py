@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.estimation.instruments import KINDS, NoiseLevel
+from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
@@ -54,6 +55,12 @@ class Findings:
     def verdict(self) -> Verdict:
         """``no_gap``, ``named``, ``group`` or ``unknown``."""
         return self.judgement.verdict
+
+    @property
+    def overfitted(self) -> bool:
+        """Whether what was fitted takes the model further from the held-out rows."""
+        gap = self.held_out
+        return gap is not None and gap.position("after") > WORSE * gap.position("before")
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:

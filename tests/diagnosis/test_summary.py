@@ -11,7 +11,6 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode, found
 from pouring_robot.cli.diagnose import _print
-from pouring_robot.diagnosis.amend import marked_worse
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
@@ -317,32 +316,43 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     assert repeated.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
 
 
+def worse(diagnosis):
+    """Return a diagnosis whose amended model is as far from the held-out rows as the given one was."""
+    gap = diagnosis.held_out
+    return replace(diagnosis, held_out=replace(gap, before=gap.after, after=gap.before))
+
+
 def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
     assert not hot.worse
-    gap = hot.held_out
-    diagnosis = replace(hot, held_out=replace(gap, before=gap.after, after=gap.before))
+    diagnosis = worse(hot)
     assert diagnosis.worse
-    assert any("do not use it" in line for line in note_lines(diagnosis))
     model = described(diagnosis)
     assert model.description.startswith("Worse on held-out rows")
     assert [learned.worse for learned in model.learned.values()] == [True]
     assert not any(learned.worse for learned in described(hot).learned.values())
-    # Of effects that all stand still nothing else is learned that depends on the campaign.
-    placed = [entry.model_copy(update={"placed": True}) for entry in model.effects]
-    still = diagnosis.amended.model_copy(update={"effects": placed, "learned": {}})
-    assert [*marked_worse(diagnosis, still).learned] == [*model.learned]
     written = model.save(tmp_path / "found.yaml")
     (line,) = RobotModel.load(written).cautions(str(written))
     (name,) = model.learned
     assert line.startswith(f"{written} with what it learned in '{name}': ") and line.endswith(": do not use it")
     assert described(hot).cautions() == ()
-    with pytest.warns(UserWarning) as told:
-        Robot(written)
-    assert "do not use it" in str(told[0].message)
+    for given in (diagnosis.amended, written):
+        with pytest.warns(UserWarning) as told:
+            Robot(given)
+        assert "do not use it" in str(told[0].message)
     _print(diagnosis)
     said = capsys.readouterr().out
     assert said.index("do not use this model") < said.index("fitted"), "before the table of the gap"
     assert "do not use this model" in html_report(diagnosis, [("", "")])
+    assert not any("do not use" in line for line in note_lines(diagnosis)), "it stands beside the gap"
+
+
+def test_what_stands_still_is_marked_too_where_held_out_rows_speak_against_it(diagnosed):
+    """Nothing else is learned that depends on the campaign. A model that stays as it was given has no mark."""
+    found = diagnosed(ZEROS)
+    still, refused = worse(found).amended, replace(worse(found), train=worse(found).held_out)
+    assert all(entry.placed for entry in still.effects) and not found.amended.learned
+    assert [learned.worse for learned in still.learned.values()] == [True]
+    assert refused.refused and not refused.worse and not refused.amended.learned
 
 
 @pytest.mark.parametrize(

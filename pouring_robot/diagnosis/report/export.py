@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from pouring_robot import __version__
-from pouring_robot.diagnosis.amend import marked_worse
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
@@ -87,9 +86,8 @@ def _ladles(diagnosis: Conclusions, folder: Path) -> str:
 
 
 def described(diagnosis: Conclusions) -> RobotModel:
-    """Return the amended model with a description that says what was found and how good it is, marked if worse."""
+    """Return the amended model with a description that says what was found and how good it is."""
     present = diagnosis.model.description
-    model = marked_worse(diagnosis, diagnosis.amended) if diagnosis.worse else diagnosis.amended
     nearest = ", ".join(e.cause.effect for e in diagnosis.nearest)
     said = [
         worse_sentence(diagnosis),
@@ -99,7 +97,7 @@ def described(diagnosis: Conclusions) -> RobotModel:
         f"Diagnosed with {diagnosis.campaign.path.name}.",
         f"Before: {present}" if present else "",
     ]
-    return model.model_copy(update={"description": " ".join(part for part in said if part)})
+    return diagnosis.amended.model_copy(update={"description": " ".join(part for part in said if part)})
 
 
 Metrics = dict[str, Any]

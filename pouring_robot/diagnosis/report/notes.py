@@ -54,8 +54,6 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             f"what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out, no other session "
             "tells; with --hold-out region the held-out rows say how much of the gap it makes"
         )
-    if diagnosis.worse:
-        lines.append("the amended model is further from the held-out rows than the given one: do not use it")
     if diagnosis.model.robot is not None:
         lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
     workmanship = workmanship_text(diagnosis)

@@ -40,7 +40,7 @@ def html_report(
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),
         Paragraph(gap_sentence(diagnosis), "lead"),
-        *([Paragraph(worse_sentence(diagnosis), "lead")] if diagnosis.worse else []),
+        *([Paragraph(said, "lead")] if (said := worse_sentence(diagnosis)) else []),
         Paragraph(_rows_used(diagnosis)),
         Heading("Gap before and after"),
         Paragraph(_ALL),
