@@ -12,6 +12,7 @@ from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.request import PlannedParameter, PlanRequest
+from pouring_robot.effects.conditions import LOAD
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import check_ending, write_whole
@@ -143,7 +144,7 @@ class MeasurementPlan(Result):
         if request.both_sides:
             columns |= {name: [str(visit.side) for visit in visits] for name in approach_names(self.robot)}
         if request.loads_kg:
-            columns["payload_kg"] = [f"{visit.payload_kg:g}" for visit in visits]
+            columns[LOAD] = [f"{visit.payload_kg:g}" for visit in visits]
         if request.leg_degC:
             columns |= {f"{leg}_degC": [f"{visit.leg_degC:g}" for visit in visits] for leg in LEGS}
         return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]

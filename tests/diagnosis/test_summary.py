@@ -344,6 +344,7 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
     assert said.index("do not use this model") < said.index("fitted"), "before the table of the gap"
     assert "do not use this model" in html_report(diagnosis, [("", "")])
     assert not any("do not use" in line for line in note_lines(diagnosis)), "it stands beside the gap"
+    assert [diagnosis_metrics(one, "model.yaml")["worse"] for one in (hot, diagnosis)] == [False, True]
 
 
 def test_what_stands_still_is_marked_too_where_held_out_rows_speak_against_it(diagnosed):

@@ -132,6 +132,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "data_flags": [flag.to_json(diagnosis.campaign) for flag in diagnosis.flags],
         "model": model_file,
         "amended": not diagnosis.refused,
+        "worse": diagnosis.worse,
         "reasons": list(judgement.reasons),
         "misfit": diagnosis.misfit,
         "remainder": [item.as_json() for item in diagnosis.discrepancies],

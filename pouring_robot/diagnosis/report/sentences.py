@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
+from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import KINDS, component_name
@@ -337,7 +338,7 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
     at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
     said = [f"{_drive_text(measurement)}, at {at}" if measurement.in_drives else f"{at}, {turn}"]
     said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
-    told = [("payload_kg", "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
+    told = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
     for kind in causes_of(robot).thermometers:
         if kind.hot_rise_k:
             name, word = next(iter(kind.members.items()))
