@@ -30,6 +30,7 @@ from pouring_robot.diagnosis.report.sentences import (
     sure_text,
     untestable_lines,
 )
+from pouring_robot.diagnosis.suggest.suggest import Separation
 from pouring_robot.effects.base import EffectParameter, value_and_half_width
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
@@ -162,6 +163,23 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
     group = replace(hot, effects=(replace(effect, cause=cause),), judgement=judgement)
     assert "leg_thermal_expansion or drive_scale" in group.headline
     assert "look alike" in apart_lines(group)[0]
+
+
+def test_measurements_that_tell_nothing_are_not_listed(hot):
+    (effect,) = hot.firm
+    pair = Separation(effect.cause.effect, "drive_scale", 0.0, 1.0, 0.5, "measure cold and hot")
+    cause = replace(effect.cause, alternatives=("drive_scale",))
+    judgement = replace(hot.judgement, verdict="group", causes=(cause,))
+    listed = []
+    for nats in (1.0, 0.04):
+        group = replace(hot, effects=(replace(effect, cause=cause),), judgement=judgement)
+        vars(group)["suggestion"] = replace(hot.suggestion, separations=(pair,), expected_nats=nats)
+        listed.append((next_lines(group), apart_lines(group)))
+    assert any("1.0 nats expected" in line for line in listed[0][0])
+    assert listed[1][0] == [
+        "none of the measurements that were tried would tell leg_thermal_expansion from drive_scale"
+    ]
+    assert [len(lines) for _, lines in listed] == [2, 1]
 
 
 def test_missing_columns_are_named(tmp_path):

@@ -23,8 +23,6 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
-_NO_NATS = 0.05
-"""Less is said as 0.0."""
 
 
 def plain(name: str) -> str:
@@ -192,9 +190,9 @@ def apart_lines(diagnosis: Conclusions) -> list[str]:
         if cause.alternatives:
             group = {cause.effect, *cause.alternatives}
             lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look alike in this campaign")
-            told = diagnosis.suggestion.separations if diagnosis.suggestion.expected_nats >= _NO_NATS else ()
-            pairs = [s for s in told if {s.first, s.second} <= group]
-            lines += [f"  {s.first} or {s.second}: {s.words}" for s in pairs]
+            pairs = [s for s in diagnosis.suggestion.separations if {s.first, s.second} <= group]
+            if diagnosis.suggestion.tells:
+                lines += [f"  {s.first} or {s.second}: {s.words}" for s in pairs]
     return lines
 
 
@@ -313,7 +311,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
             f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and {len(best)} "
             f"measurements would add {gain:.1f} {odds}"
         ]
-    if gain < _NO_NATS:
+    if not suggestion.tells:
         return [f"none of the measurements that were tried would tell {told}"]
     by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
     lines = [

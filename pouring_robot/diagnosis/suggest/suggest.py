@@ -26,6 +26,8 @@ MOST = 10
 RANDOM_SETS = 50
 LITTLE_NATS = 3.0
 """Measurements that tell less tell little: odds of 20."""
+_NO_NATS = 0.05
+"""What tells less tells nothing: it is said as 0.0."""
 _CANDIDATES = 75
 _OPEN = "measure where the two predict most apart: the poses listed"
 
@@ -101,6 +103,11 @@ class Suggestion:
     advice: tuple[str, ...] = ()  # what else would help, one line each
     seed: int = 0  # of the candidates and the random choices
     failed: str = ""  # why there is nothing; "" where that is no failure
+
+    @property
+    def tells(self) -> bool:
+        """Whether the measurements tell anything at all of what is to be told apart."""
+        return self.expected_nats >= _NO_NATS
 
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
