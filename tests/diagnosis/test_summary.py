@@ -11,6 +11,7 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode, found
 from pouring_robot.cli.diagnose import _print
+from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
@@ -357,6 +358,7 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
         with pytest.warns(UserWarning) as told:
             Robot(given)
         assert "do not use it" in str(told[0].message)
+    QUIET.set(False)  # commands that ran before in this process may have been told to say nothing
     _print(diagnosis)
     said = capsys.readouterr().out
     assert said.index("do not use this model") < said.index("fitted"), "before the table of the gap"
