@@ -27,7 +27,7 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import NoiseLevel, are, component_name
+from pouring_robot.estimation.instruments import NoiseLevel, are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
@@ -41,7 +41,6 @@ from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
@@ -329,7 +328,7 @@ def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
         f"{noise[kind].sigma / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
         f"within the tolerances make {limit / si:.3g} {unit}"
         for kind, limit in limits.items()
-        for unit, si in [("mrad", MRAD) if kind == "rotation" else ("mm", MM)]
+        for unit, si in [unit_of(kind)]
         if noise[kind].sigma > limit
     ]
     return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
@@ -347,5 +346,7 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
 
 def _noise_from(noise: NoiseLevel, after: LinearState, hypothesis: Hypothesis) -> NoiseLevel | None:
     """Return the noise that the residuals show; None where it was stated or stays."""
+    if not noise.from_residuals:
+        return None
     better = noise_left(noise, noise.open_kinds, after, hypothesis)
-    return better if noise.from_residuals and better.apart(noise) >= _NOISE_SETTLED else None
+    return None if better.apart(noise) < _NOISE_SETTLED else better

@@ -1,5 +1,6 @@
 """What the search found in a campaign: data, states, judgement. What follows from it: :mod:`~.conclusions`."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
-from pouring_robot.estimation.instruments import KINDS, NoiseLevel
+from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -72,13 +73,12 @@ class Findings:
         """Effects that are only the nearest to something unknown: a description without a cause explains better."""
         return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
 
-    @property
+    @functools.cached_property
     def noise_left(self) -> NoiseLevel | None:
         """The noise as which what is left scatters from row to row; None where it does not, or is as stated."""
         if not self.judgement.scatters:
             return None
-        stated = [kind for kind in KINDS if self.noise[kind].source != "none"]
-        return noise_left(self.noise, stated, self.after, self.hypothesis)
+        return noise_left(self.noise, self.noise.measured, self.after, self.hypothesis)
 
     @property
     def mostly_workmanship(self) -> bool:

@@ -61,8 +61,7 @@ def _distinct(forms: Iterable[Form]) -> Iterator[Form]:
     """
     known = set[tuple[bytes, ...]]()
     for form in forms:
-        changes = (change.tobytes() for p in form.parameters if p.main for change in p.changes.values())
-        key = tuple(changes)
+        key = tuple(change.tobytes() for p in form.parameters if p.main for change in p.changes.values())
         if not form.one_of or key not in known:
             yield form
         known.add(key)

@@ -228,6 +228,11 @@ class Noise:
     freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.freedoms`
 
 
+def unit_of(kind: Kind) -> tuple[str, float]:
+    """Return the unit that a kind is shown in, and how large it is (SI)."""
+    return ("mrad", MRAD) if kind == "rotation" else ("mm", MM)
+
+
 @dataclass(frozen=True)
 class NoiseLevel:
     """The noise of every kind."""
@@ -264,12 +269,23 @@ class NoiseLevel:
         return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.open_kinds), default=0.0)
 
     @property
+    def measured(self) -> tuple[Kind, ...]:
+        """The kinds that were measured."""
+        return tuple(kind for kind in KINDS if self[kind].source != "none")
+
+    @property
+    def words(self) -> str:
+        """The sizes of what was measured, in words."""
+        units = {kind: unit_of(kind) for kind in self.measured}
+        return " and ".join(f"{self[kind].sigma / si:.2g} {unit}" for kind, (unit, si) in units.items())
+
+    @property
     def least_words(self) -> str:
         """What stands for the noise where hardly anything is left over, in words; "" where that is not so."""
         exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
         if not exact:
             return ""
-        keys = ", ".join(f"sigma_{kind}_{'mrad' if kind == 'rotation' else 'mm'}" for kind in exact)
+        keys = ", ".join(f"sigma_{kind}_{unit_of(kind)[0]}" for kind in exact)
         least = f"{LEAST_NOISE / MM:g} mm or mrad"
         return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
 
@@ -281,7 +297,7 @@ class NoiseLevel:
     def unseen(self, components: NDArray[np.intp]) -> str:
         """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
         seen = kinds_of(components)
-        missing = [kind for kind in KINDS if self[kind].source != "none" and kind not in seen]
+        missing = [kind for kind in self.measured if kind not in seen]
         return f" (no {' and no '.join(missing)} measured)" if missing else ""
 
     @property
@@ -298,7 +314,7 @@ class NoiseLevel:
         """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
         found: dict[str, float | str | None] = {}
         for kind in KINDS:
-            unit, si = ("mrad", MRAD) if kind == "rotation" else ("mm", MM)
+            unit, si = unit_of(kind)
             source = self[kind].source
             if source != "none" or kind in ("position", "rotation"):
                 found |= {

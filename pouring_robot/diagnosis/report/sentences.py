@@ -17,7 +17,7 @@ from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.estimation.instruments import KINDS, component_name
+from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -65,17 +65,11 @@ def headline(diagnosis: Conclusions) -> str:
 
 def scatter_text(diagnosis: Conclusions) -> str:
     """Return as which noise what is left scatters from row to row; "" where it does not, or is as stated."""
-    if diagnosis.noise_left is None:
+    left = diagnosis.noise_left
+    if left is None:
         return ""
-    said = (
-        " and ".join(
-            f"{noise[kind].sigma / (MRAD if kind == 'rotation' else MM):.2g} {'mrad' if kind == 'rotation' else 'mm'}"
-            for kind in KINDS
-            if noise[kind].source != "none"
-        )
-        for noise in (diagnosis.noise_left, diagnosis.noise)
-    )
-    return "what is left scatters from row to row, like a noise of {} in place of the stated {}".format(*said)
+    stated = diagnosis.noise.words
+    return f"what is left scatters from row to row, like a noise of {left.words} in place of the stated {stated}"
 
 
 def _names(effects: Sequence[NamedEffect]) -> str:
