@@ -216,14 +216,14 @@ class _Work:
         noise = noise_beforehand(campaign, np.flatnonzero(fitted))
         self.say("searching for effects", 0, 0)
         rows, options = CampaignRows(campaign, self.model, noise), SearchOptions(false_names=self.options.false_names)
-        library = Library.of(rows, self.effects)
+        library, at = Library.of(rows, self.effects), None
         for turn in itertools.count(1):
             diagnoser = Diagnoser(rows, library, fitted, options)
-            after, hypothesis = diagnoser.found(start)
+            after, hypothesis = diagnoser.found(start, at)
             better = _noise_from(noise, after, hypothesis)
             if better is None or turn == _NOISE_ROUNDS:
                 break
-            noise, rows, start = better, rows.with_noise(better), hypothesis
+            noise, rows, start, at = better, rows.with_noise(better), hypothesis, after.alone
         if noise.from_residuals:
             notes.append(
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"

@@ -97,13 +97,14 @@ class Diagnoser:
         workmanship = workmanship_of(self.rows, linear, self.library)
         return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
 
-    def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
+    def found(self, start: Hypothesis | None = None, at: State | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
 
-        It starts with nothing, or with what was found in other rows of the same campaign, or with other noise. The
-        hypothesis is of the problem of the state returned with it.
+        It starts with nothing, or with what was found in other rows of the same campaign; at rest, or at the state that
+        other noise led to. The hypothesis is of the problem of the state returned with it.
         """
-        return self.settled(*self._searched(start))
+        state = self._state(at.parameters, at.values, at.frames) if at else self.at_rest()
+        return self.settled(*self._searched(state, start))
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
@@ -114,8 +115,7 @@ class Diagnoser:
                 break
         return state, hypothesis
 
-    def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
-        state = self.at_rest()
+    def _searched(self, state: LinearState, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
         problem = self.problem_at(state)
         if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
             vars(self)["thresholds"] = self._thresholds_in(problem)

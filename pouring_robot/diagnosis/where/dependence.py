@@ -35,6 +35,8 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
+        if not found:  # then all is noise, and is taken for it already
+            break
     kinds: dict[tuple[str, bool], list[Summand]] = {}
     for item in found:
         of_drive = item.process.where in {drive.words for drive in given.robot.drives}
