@@ -8,7 +8,6 @@ import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import table_of
-from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray
@@ -37,9 +36,9 @@ class Discrepancy:
     def sentence(self) -> str:
         """It in words."""
         scale, unit = self._in_unit
-        said, axis = self.structure.process, "the tracker's " if self.component[-1] in "xyz" else ""
+        words, axis = self.structure.process.words, "the tracker's " if self.component[-1] in "xyz" else ""
         text = (
-            f"{described(said.name)}: {self.structure.size:.1f} times the noise, mostly in {axis}"
+            f"{words}: {self.structure.size:.1f} times the noise, mostly in {axis}"
             f"{self.component} ({self.rms / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
@@ -66,12 +65,6 @@ class Discrepancy:
 def discrepancies(diagnosis: Findings) -> list[Discrepancy]:
     """Return the structure that is left, largest first; nothing where none counts."""
     return [_described(diagnosis, structure) for structure in diagnosis.judgement.remainder]
-
-
-def described(process: str) -> str:
-    """Return in words what moves, and what with, from the name of a process."""
-    where, _, by = process.partition(" by ")
-    return f"{where}, different in every row" if by == CHANCE else process
 
 
 def parts_by_row(diagnosis: Findings, structure: Summand) -> FloatArray:

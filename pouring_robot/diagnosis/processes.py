@@ -21,7 +21,7 @@ from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
-from pouring_robot.inference.processes import Channel, Part, Process, sums_of
+from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.mechanism.poses import MRAD
@@ -32,7 +32,6 @@ _USUAL = 0.3e-3
 _VARIED = 0.1
 """Usual share by which the size of an effect varies; evidence is averaged over the same range about it."""
 DRIVES, SEEN = "drives", "seen place"
-CHANCE = "row, by chance"
 CONSTANT = "a constant"
 SIDE = "side of approach"
 _MOST_BY_CHANCE = 600

@@ -235,12 +235,12 @@ def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
     reasons = ["what is left scatters from row to row, like a larger noise"] if found.scatters else []
     reasons += [
-        f"what is left depends on something no effect explains: {clear.process.name} "
+        f"what is left depends on something no effect explains: {clear.process.words} "
         f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"
         for clear in found.clear_structures[:1]
     ]
     reasons += [
-        f"{effect} is only the nearest of the known effects: '{better.process}' explains better by "
+        f"{effect} is only the nearest of the known effects: '{better.process.words}' explains better by "
         f"{better.margin:.0f} nats"
         for effect, better in found.beaten.items()
     ]

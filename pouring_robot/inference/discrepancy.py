@@ -49,10 +49,11 @@ class Summand(Structure):
 class Challenge:
     """A process that explains better than a cause in its place."""
 
-    process: str  # its name
+    process: Process  # the process
     margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
 
 
+_NOTHING = Process("", "", {})
 _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
@@ -138,11 +139,11 @@ class Discrepancy:
         rest, own_worth = self.hypothesis.without(indices), self.hypothesis.worth(indices)
         effects = {self.hypothesis.items[k].effect for k in indices}
         own = np.array([self._own[k] for k in rest.everything.places.tolist()], dtype=np.intp)
-        best = Challenge("", -np.inf)
+        best = Challenge(_NOTHING, -np.inf)
         for found in self._tried(rest.everything, own):
             margin = found.evidence - own_worth
             if margin > best.margin and not effects & found.seen.process.same_as:
-                best = Challenge(found.name, margin)
+                best = Challenge(found.seen.process, margin)
         return best
 
     def noise(self) -> tuple[float, float]:

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 
+CHANCE = "row, by chance"
+"""What a process goes by that differs from row to row."""
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:
@@ -85,8 +88,13 @@ class Process:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """What it is known by."""
         return f"{self.where} by {self.by}"
+
+    @property
+    def words(self) -> str:
+        """What moves, and what with."""
+        return f"{self.where}, different in every row" if self.by == CHANCE else self.name
 
     @property
     def seen(self) -> bool:

@@ -86,7 +86,7 @@ CHOICES: dict[str, Callable[[], None]] = {
         diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)
     ),
     "causes are challenged": lambda: _put(
-        discrepancy.Discrepancy, "challenge", lambda self, indices: discrepancy.Challenge("", -np.inf)
+        discrepancy.Discrepancy, "challenge", lambda self, indices: discrepancy.Challenge(Process("", "", {}), -np.inf)
     ),
     "several length scales": _one_length,
     "chance as something unknown": _no_chance,

@@ -94,7 +94,7 @@ class Left:
         return self._structures
 
     def challenge(self, indices):
-        return self._challenges.get(indices, Challenge("", -np.inf))
+        return self._challenges.get(indices, Challenge(process(""), -np.inf))
 
     def noise(self):
         return self._noise
@@ -108,8 +108,12 @@ class Left:
         return ["summand"]
 
 
+def process(by="time"):
+    return Process("place", by, {})
+
+
 def structure(evidence, size, by="time"):
-    return Structure(Process("place", by, {}), "", 1.0, evidence, size)
+    return Structure(process(by), "", 1.0, evidence, size)
 
 
 def cause(effect="a", evidence=100.0, size=1.0, alternatives=()):
@@ -168,7 +172,7 @@ def test_without_a_cause_structure_has_no_share_to_reach():
 def test_a_cause_is_beaten_by_more_than_the_evidence_asked_for():
     least = Thresholds().least_evidence(5)
     causes = (cause("a"), cause("b"), cause("c"))
-    challenges = (Challenge("just", least), Challenge("more", least + 1e-9), Challenge("less", -3.0))
+    challenges = tuple(Challenge(process(), margin) for margin in (least, least + 1e-9, -3.0))
     judged = Judgement("named", causes, (), challenges, tried=5)
     assert judged.challenged == tuple(zip(causes, challenges, strict=True))
     assert judged.beaten == {"b": challenges[1]}
@@ -431,7 +435,7 @@ def test_a_larger_noise_is_asked_for_where_something_is_unknown_only():
 def test_a_cause_is_one_under_the_larger_noise_too():
     """Three times as large it leaves of 20 and 8 noise standard deviations 6.7 and 2.7: 18 nats, and hardly one."""
     hypothesis = sized(8.0, SURE)
-    judged = told_as((3.0, 99.0), Left(challenges={(0,): Challenge("place by load", 9.0)}), hypothesis)
+    judged = told_as((3.0, 99.0), Left(challenges={(0,): Challenge(process(), 9.0)}), hypothesis)
     assert worth(SURE / 3.0) > Thresholds().least_evidence(1) > worth(8.0 / 3.0)
     assert (effects(judged), judged.minor) == (("large",), ("small",))
     assert [*judged.beaten] == ["large"]
@@ -444,10 +448,10 @@ def test_unclear_structure_is_not_described():
 
 
 def test_a_cause_that_a_process_beats_is_only_the_nearest():
-    better = Challenge("place by load", 30.4)
-    judged = judge(sized(SURE, SURE), Left(challenges={(1,): better, (0,): Challenge("x", -4.0)}, tried=3))
+    worse, better = Challenge(process(), -4.0), Challenge(process("load"), 30.4)
+    judged = judge(sized(SURE, SURE), Left(challenges={(1,): better, (0,): worse}, tried=3))
     assert judged.verdict == "unknown"
-    assert judged.challenges == (Challenge("x", -4.0), better)
+    assert judged.challenges == (worse, better)
     assert judged.beaten == {"small": better}
     assert len(judged.reasons) == 1
     assert judged.reasons[0].startswith("small is only the nearest")

@@ -157,7 +157,7 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
         margins.append(Discrepancy(hypothesis, descriptions).challenge((0,)))
     assert margins[0].margin < 0.0
     assert margins[1].margin > 5.0
-    assert margins[1].process == "place by load"
+    assert margins[1].process.name == "place by load"
 
 
 def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):

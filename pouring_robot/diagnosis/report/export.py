@@ -137,7 +137,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "misfit": diagnosis.misfit,
         "remainder": [item.as_json() for item in diagnosis.discrepancies],
         "challenges": [
-            {"effect": cause.effect, "description": found.process, "margin_nats": found.margin}
+            {"effect": cause.effect, "description": found.process.name, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),

@@ -8,9 +8,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
-from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
@@ -19,6 +17,7 @@ from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
@@ -199,7 +198,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     names = {e.cause.effect for e in diagnosis.nearest}
     for cause, found in diagnosis.judgement.challenged:
         if cause.effect in names:
-            beaten.setdefault(described(found.process), []).append(cause.effect)
+            beaten.setdefault(found.process.words, []).append(cause.effect)
     for better, effects in beaten.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
         lines.append(f"{', '.join(effects)} {are} but not it: '{better}' describes the data better")

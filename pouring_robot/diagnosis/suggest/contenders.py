@@ -13,6 +13,7 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import CHANCE
 
 MOST_RIVALS = 3
 NOTHING = "nothing"
@@ -90,14 +91,14 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle
 def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
-    named = [(structure.process.name, best) for structure in judgement.structures]
+    named = [(structure.process, best) for structure in judgement.structures]
     for cause, challenge in judgement.challenged:
         if challenge.margin > 0.0:
             named.append((challenge.process, _less(best, cause)))
     found: dict[str, Contender] = {}
-    for name, rest in named[: 2 * MOST_RIVALS]:
-        item = prospect.explanation(name)
-        if item is None or name in found or " by row, by chance" in name:
+    for process, rest in named[: 2 * MOST_RIVALS]:
+        name, item = process.name, prospect.explanation(process.name)
+        if item is None or name in found or process.by == CHANCE:
             continue
         wider = replace(rest, problem=rest.problem.and_also((item,)))
         worth = wider.candidate_bayes_factor(item)

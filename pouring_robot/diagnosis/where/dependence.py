@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.diagnosis.processes import CHANCE, CONSTANT, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.processes import CONSTANT, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.fit import rank_correlation
 from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
@@ -13,6 +13,7 @@ from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.arrays import rms
 
 _MOST, _NOISE_ROUNDS = 12, 3
