@@ -18,6 +18,7 @@ CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000
+_UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 LARGEST = 1e9
 """No quantity comes near this, in any of its units; what does is a broken number."""
@@ -77,42 +78,27 @@ class Table:
         """Return the cells of a column as words; "" where empty."""
         return tuple(_label(cell) for cell in self.cells(index))
 
-    def numbers(self, index: int, *, empty: str | None = None, largest: float = LARGEST) -> NDArray[np.float64]:
+    def numbers(
+        self, index: int, *, sparse: bool = False, empty: str = "", largest: float = LARGEST
+    ) -> NDArray[np.float64]:
         """Return the cells of a column as finite numbers (n,) up to a size, in the unit of the file.
 
-        ``empty`` is what is said of an empty cell; by default that it is not a finite number.
+        ``sparse``: NaN where a cell is empty (or says ``nan``). ``empty`` is what is said of an empty cell; by default
+        that it is not a finite number.
 
         Raises:
-            TableError: a cell is empty or no such number.
+            TableError: a cell is no such number.
         """
-        return self._read(index, math.isfinite, "is not a finite number", empty, largest)
-
-    def sparse_numbers(self, index: int, largest: float = LARGEST) -> NDArray[np.float64]:
-        """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
-
-        Raises:
-            TableError: a cell is no number, or larger than any quantity.
-        """
-        said = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
-        return self._read(index, lambda value: not math.isinf(value), said, None, largest)
-
-    def _read(
-        self,
-        index: int,
-        usable: Callable[[float], bool],
-        problem: str,
-        empty: str | None = None,
-        largest: float = LARGEST,
-    ) -> NDArray[np.float64]:
         values = np.empty(len(self))
         for row, cell in enumerate(self.cells(index)):
             try:
-                values[row] = number_in(cell)
-                if not usable(values[row]):
+                values[row] = _number(cell)
+                if not (math.isfinite(values[row]) or (sparse and math.isnan(values[row]))):
                     raise ValueError
             except (ValueError, OverflowError) as error:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
-                wrong = "is no number: its decimal mark must be a point" if _DECIMAL_COMMA.fullmatch(shown) else problem
+                wrong = _UNUSABLE if sparse else "is not a finite number"
+                wrong = "is no number: its decimal mark must be a point" if _DECIMAL_COMMA.fullmatch(shown) else wrong
                 said = empty if empty and not shown else f"'{shown}' {wrong}"
                 raise self.fault(said, row, self.headings[index]) from error
             if fault := size_fault(values[row], largest):
@@ -168,13 +154,8 @@ def csv_text(headings: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     return stream.getvalue()
 
 
-def number_in(cell: Any) -> float:
-    """Return a cell as a number, NaN when it is empty.
-
-    Raises:
-        ValueError: it is neither.
-        OverflowError: it is a whole number too large for a double.
-    """
+def _number(cell: Any) -> float:
+    """Return a cell as a number, NaN when it is empty; raises ValueError, or OverflowError of one beyond a double."""
     if cell is None:
         return math.nan
     if isinstance(cell, str):

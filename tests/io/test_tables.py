@@ -27,9 +27,9 @@ def test_lines_and_cells_of_a_csv_file(tmp_path):
 
 def refused(table, index, words):
     """Neither reading of a column takes its cells."""
-    for read in (table.numbers, table.sparse_numbers):
+    for sparse in (False, True):
         with pytest.raises(TableError, match=words):
-            read(index)
+            table.numbers(index, sparse=sparse)
 
 
 def test_numbers_beyond_any_quantity_are_refused(tmp_path):
