@@ -185,11 +185,11 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         fits = ~_stretches(affine, factor)  # what does not make the map nearly rigid is not tried
         if fits.all():
             message = f"the measured positions seem to hold {wrong}"
-            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, functools.partial(_scaled, factor=factor))
+            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, functools.partial(_placed, factor=factor))
         for k in np.flatnonzero(fits).tolist():
             alone = np.where(np.arange(3) == k, factor, 1.0)
             message = f"column '{campaign.heading(columns.POSITION[k])}' seems to hold {wrong}"
-            undo = functools.partial(_scaled, factor=alone)
+            undo = functools.partial(_placed, factor=alone)
             yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION[k : k + 1], undo)
     if not data.inverted:
         message = "the measured poses seem to be inverse: the tracker seen from the target"
@@ -198,23 +198,20 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
     if affine is not None and np.linalg.det(affine) < 0.0:
         message = f"{LEFT_HANDED}: one is reversed, or two are exchanged"
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)
-    yield from _drive_units(campaign, drawing)
-    yield from _drives_reversed(campaign, drawing)
-    yield from _drive_zeros(campaign, drawing)
-    yield from _drives_exchanged(campaign, drawing)
+    yield from _drive_mistakes(campaign, drawing)
 
 
 def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
     """Yield every way in which positions become left-handed; of poses, rotations may tell which it is."""
     headings, code = [campaign.heading(name) for name in columns.POSITION], FlagCode.MIRRORED_AXES
     for k, heading in enumerate(headings):
-        undo = functools.partial(_scaled, factor=np.where(np.arange(3) == k, -1.0, 1.0))
+        undo = functools.partial(_placed, factor=np.where(np.arange(3) == k, -1.0, 1.0))
         yield Mistake(code, f"column '{heading}' seems to have the wrong sign", columns.POSITION[k : k + 1], undo)
     for pair in itertools.combinations(range(3), 2):
         order = np.arange(3)
         order[list(pair)] = pair[::-1]
         named = " and ".join(f"'{headings[k]}'" for k in pair)
-        undo = functools.partial(_reordered, order=order)
+        undo = functools.partial(_placed, order=order)
         yield Mistake(code, f"columns {named} seem to be exchanged", [columns.POSITION[k] for k in pair], undo)
     message = "one is reversed, or two are exchanged, and the rotations' are with them"
     yield Mistake(code, message, (*columns.POSITION, *columns.ROTATION), _mirrored)
@@ -222,11 +219,12 @@ def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
 
 def reversed_x(data: Comparison) -> Comparison:
     """Return the same with x reversed: of positions alone any mirror image is as good."""
-    return _scaled(data, np.array([-1.0, 1.0, 1.0]))
+    return _placed(data, np.array([-1.0, 1.0, 1.0]))
 
 
-def _reordered(data: Comparison, order: Rows) -> Comparison:
-    return dataclasses.replace(data, position_m=data.position_m[:, order])
+def _placed(data: Comparison, factor: float | FloatArray = 1.0, order: Rows | slice = slice(None)) -> Comparison:
+    """Return the same with columns of positions in another order, and times a factor."""
+    return dataclasses.replace(data, position_m=data.position_m[:, order] * factor)
 
 
 def _mirrored(data: Comparison) -> Comparison:
@@ -236,77 +234,50 @@ def _mirrored(data: Comparison) -> Comparison:
     return dataclasses.replace(reversed_x(data), rotation_vector_rad=turned)
 
 
-def _scaled(data: Comparison, factor: float | FloatArray) -> Comparison:
-    return dataclasses.replace(data, position_m=data.position_m * factor)
-
-
-def _drives_changed(
-    campaign: Campaign,
-    drawing: Drawing,
-    code: FlagCode,
-    message: str,
-    change: FloatArray,
-    shift: float | FloatArray = 0.0,
-) -> Mistake:
-    """Return a mistake of drives; the right values are those given times a matrix, and so much more."""
-    moved = np.flatnonzero((change != np.eye(len(change))).any(axis=0) | (np.asarray(shift) != 0.0))
-    names = [campaign.robot.drives[k].column for k in moved]
-    return Mistake(code, message, names, lambda data: data.with_drives(drawing, lambda drives: drives @ change + shift))
-
-
-def _drive_units(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield wrong units of single drives, and of all drives of a kind."""
-    for kind, members in _by(campaign, "command").items():
-        alone = [[member] for member in members]
-        for factor, wrong in DRIVE_MISTAKES[kind]:
-            for concerned in (*alone, members) if len(members) > 1 else alone:
-                headings = ", ".join(f"'{campaign.heading(campaign.robot.drives[k].column)}'" for k in concerned)
-                several = len(concerned) > 1
-                message = f"column{'s' * several} {headings} seem{'s' * (not several)} to hold {wrong}"
-                scale = np.ones(len(campaign.robot.drives))
-                scale[concerned] = factor
-                yield _drives_changed(campaign, drawing, FlagCode.DRIVE_UNIT, message, np.diag(scale))
-
-
-def _drives_reversed(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield single drives that are counted the other way."""
-    for k, drive in enumerate(campaign.robot.drives):
-        signs = np.ones(len(campaign.robot.drives))
-        signs[k] = -1.0
-        message = reversed_words(campaign, drive.column)
-        yield _drives_changed(campaign, drawing, FlagCode.DRIVE_REVERSED, message, np.diag(signs))
-
-
-def _drive_zeros(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield turning drives that count from another zero: controllers, and tables of links, differ by quarter turns."""
+def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
+    """Yield wrong units of single drives, and of all of a kind; reversed and shifted counts; exchanged columns."""
     drives = campaign.robot.drives
-    for (k, drive), turn in itertools.product(enumerate(drives), _QUARTER_TURNS):
-        if drive.unit == "rad":
-            shift = math.radians(turn) * (np.arange(len(drives)) == k)
-            zero = math.remainder(drive.zero + math.radians(turn), 2.0 * math.pi)
-            message = (
-                f"column '{campaign.heading(drive.column)}' seems to count from another zero, where the joint stands "
-                f"at {math.degrees(zero):.6g}° (zero: {zero:.6g})"
-            )
-            yield _drives_changed(campaign, drawing, FlagCode.DRIVE_ZERO, message, np.eye(len(drives)), shift)
+    headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
+    places, same = np.arange(len(drives)), np.eye(len(drives))
+
+    def mistake(code: FlagCode, message: str, change: FloatArray, shift: float | FloatArray = 0.0) -> Mistake:
+        """Return one of drives; the right values are those given times a matrix, and so much more."""
+        moved = np.flatnonzero((change != same).any(axis=0) | (np.asarray(shift) != 0.0))
+        names = [drives[k].column for k in moved]
+        return Mistake(
+            code, message, names, lambda data: data.with_drives(drawing, lambda given: given @ change + shift)
+        )
+
+    for kind, members in _by(campaign, "command").items():
+        some = [[member] for member in members] + ([members] if len(members) > 1 else [])
+        for (factor, wrong), concerned in itertools.product(DRIVE_MISTAKES[kind], some):
+            several, named = len(concerned) > 1, ", ".join(headings[k] for k in concerned)
+            message = f"column{'s' * several} {named} seem{'s' * (not several)} to hold {wrong}"
+            yield mistake(FlagCode.DRIVE_UNIT, message, np.diag(np.where(np.isin(places, concerned), factor, 1.0)))
+    for k, drive in enumerate(drives):
+        signs = np.where(places == k, -1.0, 1.0)
+        yield mistake(FlagCode.DRIVE_REVERSED, reversed_words(campaign, drive.column), np.diag(signs))
+    # Turning drives may count from another zero: controllers, and tables of links, differ by quarter turns.
+    turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
+    for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):
+        zero = math.remainder(drive.zero + math.radians(turn), 2.0 * math.pi)
+        message = (
+            f"column {headings[k]} seems to count from another zero, where the joint stands at "
+            f"{math.degrees(zero):.6g}° (zero: {zero:.6g})"
+        )
+        yield mistake(FlagCode.DRIVE_ZERO, message, same, math.radians(turn) * (places == k))
+    for members in _by(campaign, "unit").values():  # that move joints of a kind
+        for order in _orders(members):
+            moved = [(k, by) for k, by in zip(members, order, strict=True) if k != by]
+            wrong = ", ".join(f"{headings[k]} holds {drives[by].column}" for k, by in moved)
+            change = same.copy()
+            change[members] = change[list(order)]
+            yield mistake(FlagCode.DRIVES_EXCHANGED, f"columns of drives seem to be exchanged: {wrong}", change)
 
 
 def reversed_words(campaign: Campaign, name: str) -> str:
     """Return what is said of a drive that is counted the other way."""
     return f"column '{campaign.heading(name)}' seems to be counted the other way: its sign is reversed"
-
-
-def _drives_exchanged(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield exchanged columns of drives that move joints of a kind."""
-    drives = campaign.robot.drives
-    for members in _by(campaign, "unit").values():
-        for order in _orders(members):
-            moved = [(k, by) for k, by in zip(members, order, strict=True) if k != by]
-            wrong = ", ".join(f"'{campaign.heading(drives[k].column)}' holds {drives[by].column}" for k, by in moved)
-            message = f"columns of drives seem to be exchanged: {wrong}"
-            change = np.eye(len(drives))
-            change[members] = change[list(order)]
-            yield _drives_changed(campaign, drawing, FlagCode.DRIVES_EXCHANGED, message, change)
 
 
 def _orders(members: list[int]) -> Iterator[tuple[int, ...]]:
