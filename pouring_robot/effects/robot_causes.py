@@ -58,7 +58,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
         sizes: dict[str, Any]
         if drives[0].unit == "m":
-            family, sizes = "stretch", {"force_n": robot.file.usual_force_n, "length_m": 1.0}
+            family, sizes = "stretch", {"load": robot.file.usual_force_n, "length_m": 1.0}
         else:
             family, sizes = "spring", {"load": robot.file.usual_moment_nm, "strengths": _strengths(robot, drives)}
         yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})

@@ -11,7 +11,6 @@ from pouring_robot.effects.base import EffectParameter, Family, Form, channel, o
 from pouring_robot.effects.conditions import FORCE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.description.definition import Drive
 
 _LATER = 0.2
 _LEAST = 1e-4
@@ -32,37 +31,38 @@ def _contact(load: FloatArray) -> FloatArray:
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
 
 
-def _loaded(conditions: Conditions, drives: Sequence[Drive], usual: float) -> bool:
-    """Return whether weight loads any of some drives: the robot's own, or what it carries or might carry.
-
-    The axis of a drive that stands upright, or the slide that lies level, are so to what a drawing rounds off.
-    """
-    parts = ((conditions.drive_force, usual), (conditions.force_by_weight, 1.0))
-    places = conditions.places(drives)
-    return any(part is not None and np.abs(part[:, places]).max() > _LEAST * size for part, size in parts)
-
-
 @dataclass(eq=False, kw_only=True)
-class Stretch(Family):
-    """Sliding drives stretch under the force along them."""
+class _Yielding(Family):
+    """Drives of a group yield under what weight puts on them."""
 
     group: str  # they are
-    force_n: float  # at which a stretch is given
-    length_m: float  # of a rod that stretches as much by itself
+    load: float  # at which the yield is given, in N or Nm
 
     def __post_init__(self) -> None:
         self.needs = (f"{self.group}{FORCE}",)
 
     def acts(self, conditions: Conditions) -> bool:
-        """Where weight puts forces along them."""
-        return _loaded(conditions, self.drives, self.force_n)
+        """Where weight loads any of them: the robot's own, or what it carries or might carry.
+
+        The axis of a drive that stands upright, or the slide that lies level, are so to what a drawing rounds off.
+        """
+        parts = ((conditions.drive_force, self.load), (conditions.force_by_weight, 1.0))
+        places = conditions.places(self.drives)
+        return any(part is not None and np.abs(part[:, places]).max() > _LEAST * size for part, size in parts)
+
+
+@dataclass(eq=False, kw_only=True)
+class Stretch(_Yielding):
+    """Sliding drives stretch under the force along them."""
+
+    length_m: float  # of a rod that stretches as much by itself
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
         places = conditions.places(self.drives)
-        pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
+        pull = np.asarray(conditions.drive_force)[:, places] / self.load
         rod = pull * conditions.spans[:, places] / self.length_m
-        at, changes = f" {_at(self.force_n, 'N')}", functools.partial(of_drives, self.drives, MM)
+        at, changes = f" {_at(self.load, 'N')}", functools.partial(of_drives, self.drives, MM)
         stiffening = EffectParameter("stiffening", f"mm{at}", _LATER, changes(pull * np.abs(pull)), main=False)
         share = EffectParameter("rod_share", f"mm{at}", 0.3, changes(rod - pull), main=False)
         found = []
@@ -75,23 +75,17 @@ class Stretch(Family):
 
 
 @dataclass(eq=False, kw_only=True)
-class Spring(Family):
+class Spring(_Yielding):
     """Turning drives yield to the moment on them."""
 
-    group: str  # they are
-    load: float  # moment at which the yield is given, in Nm
     # moment that each drive is made for, in Nm; by default alike. Of like shape and material at like stress, gears wind
     # up by like angles: one made for less is softer in proportion. How soft all are together does not hang on it.
     strengths: Sequence[float] = ()
 
     def __post_init__(self) -> None:
-        self.needs = (f"{self.group}{FORCE}",)
+        super().__post_init__()
         strong = np.array(self.strengths) if self.strengths else np.ones(len(self.drives))
         self.sizes = (np.exp(np.log(strong).mean()) / strong).tolist()
-
-    def acts(self, conditions: Conditions) -> bool:
-        """Where weight puts moments on them."""
-        return _loaded(conditions, self.drives, self.load)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""

@@ -55,7 +55,7 @@ _FAMILIES: dict[str, tuple[str, dict[str, Any]]] = {
     "joint_axis_tilt": ("tilts", {"driven_by": "tilt_rad", "joints": {"twisted_legs": (), "bores": _BORES}}),
     "leg_thermal_expansion": ("drive_growth", {"drives": _LEGS, "thermometers": "leg", "neighbour": "platform"}),
     "platform_thermal_expansion": ("link_growth", {"joints": SEATS, "thermometer": "platform"}),
-    "leg_compliance": ("stretch", {"drives": _LEGS, "group": "legs", "force_n": 5000.0, "length_m": 0.6}),
+    "leg_compliance": ("stretch", {"drives": _LEGS, "group": "legs", "load": 5000.0, "length_m": 0.6}),
     "tilt_drive_compliance": ("spring", {"drives": _TILT, "group": "tilt", "load": 2000.0}),
     "truss_deflection": ("deflection", {"travel": "truss_travel_m", "weight_n": 6500.0}),
     "base_drift": ("base_drift", {}),
