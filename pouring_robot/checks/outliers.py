@@ -77,8 +77,7 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off. Near a
     singular pose the first is large for a sound row, but not the second.
     """
-    terms = _smooth_terms(campaign, data.poses)
-    pose, floors = _residuals(campaign, fit, terms)
+    terms, pose, floors = _residuals(campaign, data, fit)
     in_pose = np.max([_unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
     effect = drive_effect(drawing, data.drives, fit.frames.T_end_target)
     units = [drive.unit for drive in campaign.robot.drives]
@@ -93,8 +92,7 @@ def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
     where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
     """
-    smooth = _smooth_terms(campaign, data.poses)
-    pose, floors = _residuals(campaign, fit, smooth)
+    smooth, pose, floors = _residuals(campaign, data, fit)
     used = np.union1d(rows, evenly(len(campaign), _TELLING_ROWS))
     effect, small = joint_effect(campaign.robot, drawing, data.drives[used], fit.frames)
     frames = fit.frames.jacobian(data.poses[used]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
@@ -113,21 +111,20 @@ def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     return np.asarray(np.max(scores, axis=0)[np.searchsorted(used, rows)])
 
 
-def _residuals(campaign: Campaign, fit: FrameFit, terms: FloatArray) -> tuple[FloatArray, list[float]]:
-    """Return residuals in fixed-platform axes, (n, 3) or (n, 6), in m and rad, and the noise of each column."""
-    noise = campaign.metadata.sigma_position_m or 1e-6
-    position = _turned(fit, fit.position_residual_m, terms, noise)
-    if fit.rotation_residual_rad is None:
-        return position, [noise] * 3
-    turn_noise = campaign.metadata.sigma_rotation_rad or 1e-6
-    turn = _turned(fit, fit.rotation_residual_rad, terms, turn_noise)
-    return np.concatenate([position, turn], axis=1), [noise] * 3 + [turn_noise] * 3
+def _residuals(
+    campaign: Campaign, data: Comparison, fit: FrameFit, *, with_time: bool = True
+) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return the smooth terms, residuals in fixed-platform axes, (n, 3) or (n, 6), in m and rad, and their noise.
 
-
-def _turned(fit: FrameFit, residual: FloatArray, terms: FloatArray, noise: float) -> FloatArray:
-    """Turn residuals into fixed-platform axes; a missing cell is filled by what the other rows say of it."""
-    smooth = np.column_stack([_filled(terms, residual[:, k], noise) for k in range(3)])
-    return np.asarray(smooth @ fit.frames.T_tracker_base.rotation)  # in the axes of the fixed platform
+    A missing cell is filled by what the other rows say of it; the noise is that of each column.
+    """
+    terms, stated = _smooth_terms(campaign, data.poses, with_time=with_time), campaign.metadata
+    seen = [(fit.position_residual_m, stated.sigma_position_m or 1e-6)]
+    if fit.rotation_residual_rad is not None:
+        seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or 1e-6))
+    whole = (np.column_stack([_filled(terms, column, noise) for column in residual.T]) for residual, noise in seen)
+    turned = [residual @ fit.frames.T_tracker_base.rotation for residual in whole]
+    return terms, np.concatenate(turned, axis=1), np.repeat([noise for _, noise in seen], 3).tolist()
 
 
 def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
@@ -147,8 +144,7 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
 
 def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Rows) -> Iterator[DataFlag]:
     """Yield the largest lasting step of each session's residuals, if there is a clear one."""
-    terms = _smooth_terms(campaign, data.poses, with_time=False)
-    pose, floors = _residuals(campaign, fit, terms)
+    terms, pose, floors = _residuals(campaign, data, fit, with_time=False)
     pose[wrong] = np.nan
     inliers = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
     for session, members in campaign.rows_by_session().items():
