@@ -27,6 +27,11 @@ def closest(name: str, known: Iterable[str]) -> str:
     return f"; known: {', '.join(names)}" if names else ""
 
 
+def some(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return ``a, b and 7 more``: the first so many of the names, and how many others there are."""
+    return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 class PouringRobotError(Exception):
     """Base of all errors of this package."""
 

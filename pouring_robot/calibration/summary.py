@@ -21,6 +21,7 @@ from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
+from pouring_robot.exceptions import some
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.location_figures import without_nan
@@ -104,10 +105,9 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     lines = parameter_lines(calibration)
     held = [line.name for line in lines if line.learnt < LEARNT]
     if held:
-        shown = ", ".join(held[:6]) + (f" and {len(held) - 6} more" if len(held) > 6 else "")
         found.append(
-            f"{len(held)} of {len(lines)} parameters are, each by itself, held by their tolerances ({shown}); what the "
-            "data determine of them are combinations, listed by name"
+            f"{len(held)} of {len(lines)} parameters are, each by itself, held by their tolerances ({some(held, 6)}); "
+            "what the data determine of them are combinations, listed by name"
         )
     dropped = [group.name for group in calibration.candidates if group not in calibration.selection.groups]
     if dropped:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.exceptions import CampaignError
+from pouring_robot.exceptions import CampaignError, some
 
 Rows = NDArray[np.intp]
 FEW_ROWS = 20
@@ -254,6 +254,5 @@ def undone(flags: Iterable[DataFlag]) -> list[str]:
 
 def where(campaign: Campaign, rows: Sequence[int] | Rows, most: int = 6) -> str:
     """Return ``line 12`` or ``lines 12, 40 and 7 more`` for rows of a campaign."""
-    lines = [str(int(campaign.lines[row])) for row in rows[:most]]
-    more = f" and {len(rows) - most} more" if len(rows) > most else ""
-    return f"line{'s' if len(rows) > 1 else ''} {', '.join(lines)}{more}"
+    lines = [str(int(campaign.lines[row])) for row in rows]
+    return f"line{'s' if len(rows) > 1 else ''} {some(lines, most)}"

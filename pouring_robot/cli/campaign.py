@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, some
 
-_COMPARED, _SHOWN = 25, 25
+_COMPARED, _SHOWN, _NAMED = 25, 25, 8
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 Frame = tuple[float, float, float, float, float, float]
 
@@ -124,10 +124,9 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
     title, head = "expected standard deviation", ("parameter", "std", "unit")
     print_table(head, rows, title=title, wrap=True, most=_SHOWN, beyond="more (--json has all)")
-    if figures["left_out"]:
-        left = figures["left_out"]
-        named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
-        options.say(f"left out, because those above show the same: {named}")
+    if left := figures["left_out"]:
+        beyond = " (--json has all)" if len(left) > _NAMED else ""
+        options.say(f"left out, because those above show the same: {some(left, _NAMED)}{beyond}")
 
 
 def check(

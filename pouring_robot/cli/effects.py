@@ -6,6 +6,7 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 from pouring_robot.cli.shared import bundles, options
+from pouring_robot.exceptions import some
 
 if TYPE_CHECKING:
     from pouring_robot.robot.model import RobotModel
@@ -30,8 +31,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
             name = f"form {form['form']}"
             if others:
                 name += f" to {others[-1]['form']} ({1 + len(others)} values of one {form['one_of']})"
-            shown = ", ".join(named[:_SHOWN]) + (f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else "")
-            options.print_indented(f"{name}: {shown}{more}")
+            options.print_indented(f"{name}: {some(named, _SHOWN)}{more}")
 
 
 def _library(model: RobotModel) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """What a plan is, what is to be expected of it, and a picture of both."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.estimation.identifiability import BaseParameters, observability
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, some
 from pouring_robot.io.files import check_ending, write_whole
 from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray
@@ -38,19 +38,14 @@ class UndeterminedError(BadInputError):
         for group in self.groups:
             own = [name for name in group.members if name not in frames]
             own += ["the frames of tracker and target"] if len(own) < len(group.members) else []
-            parts.append(f"{group.hidden} of {_some(own, ' + ', 6)}")
-        parts += [f"{_some(self.unseen, ', ', 4)} (without effect)"] if self.unseen else []
+            parts.append(f"{group.hidden} of {some(own, 6, ' + ')}")
+        parts += [f"{some(self.unseen, 4)} (without effect)"] if self.unseen else []
         count = len(found.names) - found.rank
-        mend = f"leave out {_some(self.too_many, ', ', 6)} (--reduce does so), " if self.too_many else ""
+        mend = f"leave out {some(self.too_many, 6)} (--reduce does so), " if self.too_many else ""
         super().__init__(
             f"{what} cannot determine {count} combination{'s' if count > 1 else ''} of the parameters: "
-            f"{_some(parts, '; ', 3)}; {mend}plan more poses, or let tolerances count as priors (--priors)"
+            f"{some(parts, 3, '; ')}; {mend}plan more poses, or let tolerances count as priors (--priors)"
         )
-
-
-def _some(names: Sequence[str], between: str, most: int) -> str:
-    more = [f"{len(names) - most} more"] if len(names) > most else []
-    return between.join([*names[:most], *more])
 
 
 @dataclass(frozen=True, eq=False)
