@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance
 from pouring_robot.calibration.selection import Refusal, Selection
@@ -15,7 +14,7 @@ from pouring_robot.estimation.identifiability import BaseParameters, combination
 from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
-from pouring_robot.mechanism.arrays import Z95, FloatArray, rms
+from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup
@@ -34,7 +33,7 @@ class CalibrationFindings:
     present: RobotModel  # the robot before; ``calibrated`` after: what to export
     calibrated: RobotModel
     flags: tuple[DataFlag, ...]  # what the checks of the data found
-    left_out: NDArray[np.intp]  # rows that took no part: outliers, and poses or drives out of reach
+    left_out: Indices  # rows that took no part: outliers, and poses or drives out of reach
     split: Split  # who was held out when
     noise: NoiseLevel
     candidates: tuple[ParameterGroup, ...]  # the groups that were to choose from
@@ -69,7 +68,7 @@ class CalibrationFindings:
         """Whether any parameter was kept."""
         return bool(self.selection.groups)
 
-    def misfit(self, rows: NDArray[np.intp], *, after: bool) -> Misfit:
+    def misfit(self, rows: Indices, *, after: bool) -> Misfit:
         """Return the misfit over rows, those left out excluded."""
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
 

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.mechanism.arrays import Z95, FloatArray, rms
+from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _FEWEST_REPEATS = 3
@@ -77,7 +76,7 @@ class PosePerformance:
 
 
 def pose_performance(
-    measured: MeasuredPoses, before: FloatArray, after: FloatArray, groups: Sequence[NDArray[np.intp]]
+    measured: MeasuredPoses, before: FloatArray, after: FloatArray, groups: Sequence[Indices]
 ) -> PosePerformance | None:
     """Return ISO 9283-style figures, or None without a pose measured three times.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from pouring_robot.io.files import write_together
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault, read_quantities
 from pouring_robot.io.tables import Table, table_of
-from pouring_robot.mechanism.arrays import FloatArray, finite, locked, numbers, read_only
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, finite, locked, numbers, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.report.result import Result
@@ -30,8 +30,6 @@ from pouring_robot.robot.robot import AnyRobot, definition_of
 
 if TYPE_CHECKING:
     import pandas
-
-BoolArray: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -257,7 +255,7 @@ class Campaign(Result):
         return redundant_drives(self.robot.mechanism()) if self.robot.loops.redundant_drives else 0
 
     @functools.cached_property
-    def distance_start(self) -> NDArray[np.intp]:
+    def distance_start(self) -> Indices:
         """Row from which each distance is measured, (n,); -1 for the fixed point, -2 for a row that is left out."""
         rows = {sample: row for row, sample in enumerate(self.samples)}
         starts = self.distance_from or ("",) * len(self)
@@ -292,7 +290,7 @@ class Campaign(Result):
         measured |= self.robot.loops.redundant_drives
         return np.asarray(commanded & measured, dtype=np.bool_)
 
-    def rows_by_session(self) -> dict[str, NDArray[np.intp]]:
+    def rows_by_session(self) -> dict[str, Indices]:
         """Return the rows of each session, ascending, sessions in order of appearance."""
         names = np.array(self.sessions)
         return {name: np.flatnonzero(names == name) for name in dict.fromkeys(self.sessions)}
@@ -361,7 +359,7 @@ class Campaign(Result):
         names = [q.canonical for q in known if self.quantity(q.name) is None]
         return tuple(names if "session" in self.headings else ["session", *names])
 
-    def subset(self, rows: Sequence[int] | NDArray[np.intp] | BoolArray) -> Campaign:
+    def subset(self, rows: Sequence[int] | Indices | BoolArray) -> Campaign:
         """Return a campaign of the given rows (indices from 0, or a mask of shape (n,)), in the given order.
 
         Raises:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -22,12 +21,12 @@ class PoseStack:
     def __len__(self) -> int:
         return int(self.position_m.shape[0])
 
-    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PoseStack:
+    def __getitem__(self, rows: BoolArray | Indices) -> PoseStack:
         """Return the poses of the rows given by indices or a mask."""
         return PoseStack(self.position_m[rows], self.rotation[rows])
 
     @property
-    def complete(self) -> NDArray[np.bool_]:
+    def complete(self) -> BoolArray:
         """Which rows hold a whole pose, (n,)."""
         complete = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.rotation).all(axis=(1, 2))
         return np.asarray(complete, dtype=np.bool_)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import BoolArray, Campaign
-from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Rows, Severity, found, where
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.fit import robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
@@ -78,7 +78,7 @@ def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
         yield found(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
 
 
-def _copies(campaign: Campaign) -> Rows:
+def _copies(campaign: Campaign) -> Indices:
     """Return the usable rows whose drives and measurements are an earlier row's to the last digit."""
     measured = [campaign.position_m]
     measured += [values for values in (campaign.rotation_vector_rad, campaign.distance_m) if values is not None]
@@ -139,7 +139,7 @@ def _readings(campaign: Campaign) -> tuple[str, ...]:
     return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
 
 
-def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> DataFlag:
+def _stuck(campaign: Campaign, name: str, rows: Indices, severity: Severity) -> DataFlag:
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
     remedy = ""
@@ -206,7 +206,7 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
     yield found(campaign, code, message, at, ["time"], figures, severity=severity, remedy=remedy)
 
 
-def _roughness(campaign: Campaign, order: Rows | slice) -> float:
+def _roughness(campaign: Campaign, order: Indices | slice) -> float:
     """Return how far temperatures move from row to row in an order, in K."""
     columns_ = [campaign.conditions[name][order] for name in _readings(campaign)]
     return float(sum(np.nansum(np.abs(np.diff(values[np.isfinite(values)]))) for values in columns_))
@@ -244,7 +244,7 @@ def _values(campaign: Campaign, name: str) -> FloatArray:
     return np.full(len(campaign), np.nan) if values is None else values
 
 
-def _runs(same: BoolArray, longest: int) -> Iterator[Rows]:
+def _runs(same: BoolArray, longest: int) -> Iterator[Indices]:
     """Yield the rows of every run of ``longest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for start, end in edges.reshape(-1, 2):

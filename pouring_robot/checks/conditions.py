@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import BoolArray, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
 from pouring_robot.checks.units_and_axes import LENGTH_MISTAKES
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import CampaignError, some
+from pouring_robot.mechanism.arrays import Indices
 
-Rows = NDArray[np.intp]
 FEW_ROWS = 20
 """Below this many usable rows little beyond the two frames can be told."""
 FEW_VALUES = 60
@@ -201,7 +200,7 @@ def found(
     campaign: Campaign,
     code: FlagCode,
     message: str,
-    rows: Iterable[int] | Rows = (),
+    rows: Iterable[int] | Indices = (),
     quantities: Iterable[str] = (),
     metrics: dict[str, float] | None = None,
     *,
@@ -214,7 +213,7 @@ def found(
     return DataFlag(code, severity or code.severity, message, remedy or code.remedy, indices, headings, metrics or {})
 
 
-def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Rows:
+def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:
     """Return the rows to leave out, ascending, of data that are of use without them.
 
     Raises:
@@ -240,7 +239,7 @@ def refuse_errors(campaign: Campaign, flags: Iterable[DataFlag]) -> None:
         raise CampaignError(campaign.path, f"{count} in the data: {first.message}; {first.remedy}")
 
 
-def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
+def outlier_rows(flags: Iterable[DataFlag]) -> Indices:
     """Return the rows that no fit should use: outliers, poses or drives out of reach, and copies; ascending."""
     rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
@@ -252,7 +251,7 @@ def undone(flags: Iterable[DataFlag]) -> list[str]:
     return [_UNDONE[flag.code].format(", ".join(f"'{heading}'" for heading in flag.columns)) for flag in told]
 
 
-def where(campaign: Campaign, rows: Sequence[int] | Rows, most: int = 6) -> str:
+def where(campaign: Campaign, rows: Sequence[int] | Indices, most: int = 6) -> str:
     """Return ``line 12`` or ``lines 12, 40 and 7 more`` for rows of a campaign."""
     lines = [str(int(campaign.lines[row])) for row in rows]
     return f"line{'s' if len(rows) > 1 else ''} {some(lines, most)}"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import BoolArray, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
@@ -32,7 +32,7 @@ from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError, FrameFitError
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.drawing import Drawing
 

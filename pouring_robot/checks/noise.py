@@ -23,11 +23,11 @@ from scipy.special import chdtri
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
+from pouring_robot.checks.flags import DataFlag, FlagCode, found
 from pouring_robot.checks.outliers import joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
@@ -52,7 +52,7 @@ class Scatter:
 
 
 def check_noise(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Rows
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Indices
 ) -> Iterator[DataFlag]:
     """Yield rounded drives or too small a noise, given data whose mistakes are undone, and the rows to leave out."""
     sound = data.poses.complete & campaign.usable & np.isfinite(data.position_m).all(axis=1)
@@ -88,7 +88,7 @@ def _too_small(scatters: list[Scatter]) -> bool:
 
 
 def _scatters(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows, *, weighed: bool = False
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices, *, weighed: bool = False
 ) -> list[Scatter]:
     moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
     frames = fit.frames.jacobian(data.poses[rows])
@@ -144,7 +144,7 @@ def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_driv
     return Scatter(math.exp(log_factor), sure, by_drives)
 
 
-def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Rows) -> Iterator[FloatArray]:
+def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Indices) -> Iterator[FloatArray]:
     """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
     robot, engine = campaign.robot, engine_for(drawing.mechanism)
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
@@ -168,7 +168,7 @@ def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
     yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(3), 2))
 
 
-def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
+def _conditions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
     """Yield conditions, centred and over their spread, and sessions but one; a missing cell stands in the middle."""
     for values in campaign.conditions.values():
         known = values[rows]

@@ -16,11 +16,11 @@ from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -86,7 +86,7 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
 
 
-def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> FloatArray:
+def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices) -> FloatArray:
     """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
 
     A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
@@ -142,7 +142,7 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
     return found(campaign, FlagCode.OUTLIER, message, [row], names, metrics)
 
 
-def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Rows) -> Iterator[DataFlag]:
+def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
     """Yield the largest lasting step of each session's residuals, if there is a clear one."""
     terms, pose, floors = _residuals(campaign, data, fit, with_time=False)
     pose[wrong] = np.nan
@@ -156,7 +156,7 @@ def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Rows) -> 
 
 
 def _jump(
-    campaign: Campaign, session: str, rows: Rows, terms: FloatArray, pose: FloatArray, floors: FloatArray
+    campaign: Campaign, session: str, rows: Indices, terms: FloatArray, pose: FloatArray, floors: FloatArray
 ) -> Iterator[DataFlag]:
     """Fit a step at every place beside the smooth terms, keep the one that explains most, and judge it robustly."""
     places = np.unique(np.linspace(_JUMP_WINDOW, len(rows) - _JUMP_WINDOW, _JUMP_PLACES).astype(int))
@@ -281,7 +281,7 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
     return terms, 1 + len(pose_terms)
 
 
-def foretelling(campaign: Campaign, poses: PoseStack, rows: Rows) -> FloatArray:
+def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
     """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
 
     Of a linear error of pose and conditions. Beyond all that the others had it is large: they tell nothing there.

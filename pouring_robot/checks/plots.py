@@ -8,9 +8,9 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import Examination
-from pouring_robot.checks.flags import Rows, outlier_rows
+from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.io.files import write_whole
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.report import plots
 from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, png_of
 from pouring_robot.robot.pouring.layout import Layout
@@ -55,7 +55,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     return write_whole(path, png_of(figure))
 
 
-def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Rows) -> None:
+def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Indices) -> None:
     sessions = list(campaign.rows_by_session().items())
     shown, rest = sessions[:_MOST_SESSIONS], sessions[_MOST_SESSIONS:]
     groups = [(f"session {name}"[:24], rows, _COLOURS[k % len(_COLOURS)]) for k, (name, rows) in enumerate(shown)]
@@ -69,7 +69,7 @@ def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, 
         place.scatter(across[wrong], up[wrong], s=70, marker="x", color=VERMILION, label="flagged row", zorder=3)
 
 
-def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> None:
+def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Indices) -> None:
     """Draw each row's distance from the nominal robot, noise level beside it; logarithmic, for outliers are far."""
     place.set(title="measured against nominal robot, frames fitted", xlabel="line in file", ylabel="distance [mm]")
     place.grid(alpha=0.25)

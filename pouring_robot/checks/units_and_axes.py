@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import BoolArray, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.flags import FlagCode, Rows
+from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS, affine_map
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -51,7 +51,7 @@ class Comparison:
     rotation_vector_rad: FloatArray | None  # measured, (n, 3); None: none was
     inverted: bool = False  # whether the measured poses are those of the tracker's side seen from the end body's
 
-    def __getitem__(self, rows: Rows) -> Comparison:
+    def __getitem__(self, rows: Indices) -> Comparison:
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]
         return Comparison(self.drives[rows], self.poses[rows], self.position_m[rows], vectors, self.inverted)
 
@@ -222,7 +222,7 @@ def reversed_x(data: Comparison) -> Comparison:
     return _placed(data, np.array([-1.0, 1.0, 1.0]))
 
 
-def _placed(data: Comparison, factor: float | FloatArray = 1.0, order: Rows | slice = slice(None)) -> Comparison:
+def _placed(data: Comparison, factor: float | FloatArray = 1.0, order: Indices | slice = slice(None)) -> Comparison:
     """Return the same with columns of positions in another order, and times a factor."""
     return dataclasses.replace(data, position_m=data.position_m[:, order] * factor)
 

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from pouring_robot.design.request import PlannedParameter
@@ -36,7 +35,7 @@ from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, 
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.io.temperatures import REFERENCE_DEGC
-from pouring_robot.mechanism.arrays import FloatArray, grid
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -73,13 +72,13 @@ class Columns:
             ladle = robot.layout.ladle
             self._ladle_at, self._tare_kg = np.array(ladle.centre_of_mass.metres), ladle.tare.value
 
-    def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
+    def reachable(self, poses: FloatArray) -> BoolArray:
         """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
         return self.robot.drawing.in_reach(self.robot.drawing.commands(poses).start)
 
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows of n poses (n, k), in m and rad, under each of c conditions, and which poses close.
 
         The noise of the device decides how many components k a pose has; ``target_m`` is the place of the target on the
@@ -90,7 +89,7 @@ class Columns:
         rows = np.stack([self._row(c, *parts) for c in conditions], axis=1)
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
 
-    def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, BoolArray]:
         """Return how the working frame moves per unit of each unknown at n poses (n, k), and which close, (n,).
 
         It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
@@ -99,7 +98,7 @@ class Columns:
         parts, closed = self._parts(poses, self._lip_m)
         return self._row(conditions, *parts), closed
 
-    def _parts(self, poses: FloatArray, target_m: FloatArray) -> tuple[_Parts, NDArray[np.bool_]]:
+    def _parts(self, poses: FloatArray, target_m: FloatArray) -> tuple[_Parts, BoolArray]:
         """Return what rows are made of (see :meth:`_row`) and which poses close, (n,)."""
         command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)

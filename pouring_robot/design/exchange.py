@@ -20,15 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from pouring_robot.design.columns import index_slopes
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-IntArray = NDArray[np.intp]
 # Keeps random first plans regular; against a mean information of one it changes no decision.
 _RIDGE = 1e-6
 _LEAST_GAIN = 1e-9
@@ -42,8 +40,8 @@ class CandidateSet:
 
     rows: FloatArray  # whitened, of each candidate, shape (N, m, p), ``nuisance`` columns first; unused ones are zero
     nuisance: int
-    place: IntArray  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
-    kind: IntArray  # of each candidate, shape (N,); a slot of the plan takes one kind
+    place: Indices  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
+    kind: Indices  # of each candidate, shape (N,); a slot of the plan takes one kind
     prior: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
 
 
@@ -51,14 +49,14 @@ class CandidateSet:
 class Choice:
     """The best plan found: candidate of each slot, (n,), its observability index, and that reached from each start."""
 
-    chosen: IntArray
+    chosen: Indices
     value: float
     values: tuple[float, ...]
 
 
 def choose(
     candidates: CandidateSet,
-    slots: Sequence[int] | IntArray,
+    slots: Sequence[int] | Indices,
     criterion: Criterion = "D",
     *,
     seed: int = 0,
@@ -73,7 +71,7 @@ def choose(
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)
     random = np.random.default_rng([seed, 3])
-    found: list[tuple[float, IntArray]] = []
+    found: list[tuple[float, Indices]] = []
     for start in range(starts):
         # In turn: by determinant first, which is mostly good; the best so far, shaken; at random, for other valleys.
         first = search.random_plan(random)
@@ -136,7 +134,7 @@ def log_determinants(blocks: FloatArray) -> FloatArray:
 class _Search:
     """Exchange over one candidate set. The basis: see the module."""
 
-    def __init__(self, candidates: CandidateSet, slots: IntArray, criterion: Criterion) -> None:
+    def __init__(self, candidates: CandidateSet, slots: Indices, criterion: Criterion) -> None:
         self.slots, self.criterion, self.nuisance = slots, criterion, candidates.nuisance
         self.place, self.kind = candidates.place, candidates.kind
         self._at = {where: k for k, where in enumerate(zip(self.place.tolist(), self.kind.tolist(), strict=True))}
@@ -160,7 +158,7 @@ class _Search:
         widths = [unknowns] + ([self.nuisance] if self.nuisance else [])
         self.factors = [InformationFactor(self.rows[:, :, :width], self.base[:width, :width]) for width in widths]
 
-    def random_plan(self, random: np.random.Generator) -> IntArray:
+    def random_plan(self, random: np.random.Generator) -> Indices:
         """Return a plan with each place at most once."""
         chosen = np.empty(len(self.slots), dtype=np.intp)
         taken: set[int] = set()
@@ -170,7 +168,7 @@ class _Search:
             taken.add(int(self.place[chosen[slot]]))
         return chosen
 
-    def shaken(self, plan: IntArray, other: IntArray, random: np.random.Generator) -> IntArray:
+    def shaken(self, plan: Indices, other: Indices, random: np.random.Generator) -> Indices:
         """Return a plan with about a third of its slots taken from another where they are free."""
         mixed = plan.copy()
         for slot in random.permutation(len(plan))[: max(2, len(plan) // 3)].tolist():
@@ -179,8 +177,8 @@ class _Search:
         return mixed
 
     def improve(
-        self, chosen: IntArray, random: np.random.Generator, *, determinant_first: bool
-    ) -> tuple[float, IntArray]:
+        self, chosen: Indices, random: np.random.Generator, *, determinant_first: bool
+    ) -> tuple[float, Indices]:
         """Exchange until nothing is gained; return the index and the plan."""
         by_determinant = self.criterion in ("D", "O1")
         if determinant_first and not by_determinant:
@@ -191,7 +189,7 @@ class _Search:
             if not self._trade_kinds(chosen):
                 return float(self._indices(self._information(chosen)[None])[0]), chosen
 
-    def _run(self, chosen: IntArray, random: np.random.Generator, swap: Callable[[IntArray, int], bool]) -> IntArray:
+    def _run(self, chosen: Indices, random: np.random.Generator, swap: Callable[[Indices, int], bool]) -> Indices:
         chosen = chosen.copy()
         for _ in range(_ROUNDS):
             information = self._information(chosen)
@@ -203,11 +201,11 @@ class _Search:
                 break
         return chosen
 
-    def _information(self, chosen: IntArray) -> FloatArray:
+    def _information(self, chosen: Indices) -> FloatArray:
         rows = self.rows[chosen].reshape(-1, self.rows.shape[2])
         return np.asarray(self.base + rows.T @ rows)
 
-    def _open(self, chosen: IntArray, slot: int) -> NDArray[np.bool_]:
+    def _open(self, chosen: Indices, slot: int) -> BoolArray:
         """Return which candidates may take a slot, shape (N,)."""
         others = np.delete(self.place[chosen], slot)
         return np.asarray((self.kind == self.slots[slot]) & ~np.isin(self.place, others))
@@ -216,7 +214,7 @@ class _Search:
         gains = log_determinants(slot_out[0][1])
         return gains - log_determinants(slot_out[1][1]) if self.nuisance else gains
 
-    def _determinant_swap(self, chosen: IntArray, slot: int) -> bool:
+    def _determinant_swap(self, chosen: Indices, slot: int) -> bool:
         present = int(chosen[slot])
         out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
         gains = self._gains(out)
@@ -227,12 +225,12 @@ class _Search:
         self._put(chosen, slot, best, out)
         return True
 
-    def _put(self, chosen: IntArray, slot: int, candidate: int, out: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+    def _put(self, chosen: Indices, slot: int, candidate: int, out: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for factor, (inverse, blocks) in zip(self.factors, out, strict=True):
             factor.inverse, factor.blocks = factor.updated(inverse, blocks, candidate, 1.0)
         chosen[slot] = candidate
 
-    def _index_swap(self, chosen: IntArray, slot: int) -> bool:
+    def _index_swap(self, chosen: Indices, slot: int) -> bool:
         """Work out the index of the swaps that look best by its derivative or by the determinant."""
         present = int(chosen[slot])
         out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
@@ -250,7 +248,7 @@ class _Search:
         self._put(chosen, slot, int(shortlist[best]), out)
         return True
 
-    def _trade_kinds(self, chosen: IntArray) -> bool:
+    def _trade_kinds(self, chosen: Indices) -> bool:
         """Let two slots of different kinds trade places, in place, where that gains most; say whether one did.
 
         A swap alone cannot do that: each stands in the other's way.

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.design.columns import (
@@ -29,7 +28,7 @@ from pouring_robot.design.columns import (
     telling,
     with_prior,
 )
-from pouring_robot.design.exchange import CandidateSet, IntArray, choose
+from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
@@ -37,7 +36,7 @@ from pouring_robot.estimation.identifiability import base_parameters, observabil
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
@@ -129,7 +128,7 @@ class Planner:
 
     def measured(
         self, columns: Columns, poses: FloatArray, visits: Sequence[Conditions]
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows (n, visits, k, 12 + P) per shown unit, and which poses close, (n,)."""
         rows, closed = columns.measured(poses, visits, self.request.noise, np.array(self.request.target_m))
         return rows / _units(columns.parameters), closed
@@ -187,7 +186,7 @@ class Planner:
             request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index, choice.values
         )
 
-    def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, IntArray]:
+    def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, Indices]:
         """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""
         count, states, sides, size, unknowns = rows.shape
         visits = rows.reshape(count * states, sides * size, unknowns)

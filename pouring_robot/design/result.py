@@ -10,14 +10,13 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
-from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError, some
 from pouring_robot.io.files import check_ending, write_whole
 from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
 from pouring_robot.report.result import Result
@@ -112,7 +111,7 @@ class MeasurementPlan(Result):
     left_out: tuple[str, ...]  # names of parameters that were asked for but left out: what is kept shows the same
     poses: FloatArray  # rows in the order to measure them, commands in m and rad, shape (rows, k)
     conditions: tuple[Conditions, ...]  # of each row
-    pose_numbers: IntArray  # which of the n poses each row is, from 1
+    pose_numbers: Indices  # which of the n poses each row is, from 1
     quality: PlanQuality
     value: float  # the criterion's index, per shown unit
     start_values: tuple[float, ...]  # the index that each start of the search reached

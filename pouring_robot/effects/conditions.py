@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.mechanism.weight import by_a_newton
@@ -67,7 +66,7 @@ class Conditions:
     drives: FloatArray  # commanded drives, (n, D), in m and rad
     position_m: FloatArray  # nominal origin of the end body in the base, (n, 3)
     rotation: FloatArray  # nominal axes of the end body, (n, 3, 3)
-    session: NDArray[np.intp]  # number from 0, (n,); -1: nothing was learned in it, -2: nobody says which it is
+    session: Indices  # number from 0, (n,); -1: nothing was learned in it, -2: nobody says which it is
     time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
     time_known: bool  # whether there was a time column
     swing_rad: FloatArray | None = None  # of the joint about which each drive's chain swings, (n, D); NaN without one
@@ -361,7 +360,7 @@ def _loads(
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 
-def rows_beyond(campaign: Campaign) -> dict[str, NDArray[np.intp]]:
+def rows_beyond(campaign: Campaign) -> dict[str, Indices]:
     """Return the rows in which a condition is not known yet, or not any more, by its heading, ascending.
 
     Between two known values others may be filled in; of what comes long after the last one nobody knows anything. A few

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.batch.structure import Structure
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS
 
 SCALE = "metrology.scale"
@@ -46,11 +45,11 @@ class RowChanges:
         """Return both changes together; to first order in the rotations at one joint."""
         return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
-    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> RowChanges:
+    def __getitem__(self, rows: Indices | BoolArray) -> RowChanges:
         """Return those of some rows, by index or mask."""
         return RowChanges(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def among(self, rows: NDArray[np.intp], count: int) -> RowChanges:
+    def among(self, rows: Indices, count: int) -> RowChanges:
         """Return them as those of some among ``count`` rows, by index; the others are unchanged."""
         whole = {field.name: np.zeros((count, *getattr(self, field.name).shape[1:])) for field in fields(self)}
         for name, values in whole.items():

@@ -23,11 +23,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.estimation.measurement import BoolArray, Prediction
+from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_vectors
 
@@ -36,24 +35,23 @@ KINDS: tuple[Kind, ...] = ("position", "rotation", "distance", "closure")
 LENGTHS: tuple[Kind, ...] = ("position", "distance", "closure")
 _FIRST = (0, 3, 6, 7)
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
-Rows = NDArray[np.intp] | BoolArray
 Source = Literal["stated", "repeats", "residuals", "none"]
 LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
 
 
-def kind_of(components: NDArray[np.intp]) -> NDArray[np.intp]:
+def kind_of(components: Indices) -> Indices:
     """Return the place in :data:`KINDS` of components, same shape."""
     return np.asarray(np.searchsorted(_FIRST, components, side="right") - 1, dtype=np.intp)
 
 
-def kinds_of(components: NDArray[np.intp]) -> tuple[Kind, ...]:
+def kinds_of(components: Indices) -> tuple[Kind, ...]:
     """Return which kinds components are of, each once."""
     return tuple(KINDS[place] for place in np.unique(kind_of(components)).tolist())
 
 
-def are(kind: Kind, components: NDArray[np.intp]) -> BoolArray:
+def are(kind: Kind, components: Indices) -> BoolArray:
     """Return which components are of a kind, same shape."""
     return np.asarray(kind_of(components) == KINDS.index(kind), dtype=np.bool_)
 
@@ -99,7 +97,7 @@ class Instrument(ABC):
         changed: dict[str, Any] = {name: values & mask if values.dtype == bool else np.where(mask, values, np.nan)}
         return replace(self, **changed)
 
-    def __getitem__(self, rows: Rows) -> Self:
+    def __getitem__(self, rows: Indices | BoolArray) -> Self:
         """Return some rows, by index or mask."""
         return replace(self, **{name: values[rows] for name, values in self._arrays().items()})
 
@@ -159,8 +157,8 @@ class Distances(Instrument):
     """Distances of the target from a fixed point, the device's origin, or from where it was in another row."""
 
     distance_m: FloatArray  # (n,), in m; NaN where missing
-    row: NDArray[np.intp]  # number of the row in its campaign, (n,)
-    start: NDArray[np.intp]  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
+    row: Indices  # number of the row in its campaign, (n,)
+    start: Indices  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
     kind: ClassVar[Kind] = "distance"
 
     @property
@@ -169,7 +167,7 @@ class Distances(Instrument):
         there = (self.start == -1) | np.isin(self.start, self.row)
         return np.asarray((np.isfinite(self.distance_m) & there)[:, None])
 
-    def _lines(self, prediction: Prediction) -> tuple[FloatArray, NDArray[np.intp]]:
+    def _lines(self, prediction: Prediction) -> tuple[FloatArray, Indices]:
         """Return the vector to the target, (n, 3), and the place of the row it starts from, (n,); -1: a fixed point."""
         order = np.argsort(self.row)
         at = order[np.searchsorted(self.row[order], self.start).clip(max=len(order) - 1)]
@@ -294,7 +292,7 @@ class NoiseLevel:
         """The kinds whose noise is what a fit leaves over."""
         return tuple(kind for kind in KINDS if self[kind].source == "residuals")
 
-    def unseen(self, components: NDArray[np.intp]) -> str:
+    def unseen(self, components: Indices) -> str:
         """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
         seen = kinds_of(components)
         missing = [kind for kind in self.measured if kind not in seen]

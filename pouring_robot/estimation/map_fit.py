@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
@@ -31,7 +30,7 @@ from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, FrameFitError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
@@ -162,7 +161,7 @@ class Fit:
     evaluations: int  # how many times all rows were predicted in the search
     second_evaluations: int  # how many times they were to measure second derivatives
     cost: float  # the minimum
-    failed: NDArray[np.intp]  # rows that were measured but do not close; they took no part
+    failed: Indices  # rows that were measured but do not close; they took no part
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
 
@@ -195,7 +194,7 @@ class Fit:
         freedom = self.freedom(kind)
         return float(np.sqrt(self.chi_square(kind) / freedom)) if freedom > 1.0 else 1.0
 
-    def _chosen(self, kind: Kind | None) -> NDArray[np.bool_]:
+    def _chosen(self, kind: Kind | None) -> BoolArray:
         return np.ones(len(self.weights), dtype=bool) if kind is None else are(kind, self.equations.components)
 
 

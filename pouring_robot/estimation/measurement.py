@@ -30,14 +30,13 @@ from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError, CalibrationError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
 
-BoolArray = NDArray[np.bool_]
 FRAME_STD = 0.1
 """Of the outer frames against their first fit, in m and rad: nothing is known of them. Large against what any campaign
 leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
@@ -265,13 +264,13 @@ class ModelledRows:
     model: MeasurementModel  # the measurement model
     drives: FloatArray  # commanded drives, with what is changed in each row, shape (n, drives), in m and rad
     start: BatchStart  # where to start closing
-    session: NDArray[np.intp]  # number of each row's session among those with frames of their own, (n,); -1: none
+    session: Indices  # number of each row's session among those with frames of their own, (n,); -1: none
     changes: RowChanges | None = None  # what the effects of the robot's model change in each row; None: nothing
 
     def __len__(self) -> int:
         return len(self.drives)
 
-    def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> ModelledRows:
+    def __getitem__(self, rows: Indices | BoolArray) -> ModelledRows:
         """Return some rows, by index or mask."""
         index: NDArray[np.int64] = np.arange(len(self))[rows]
         changes = self.changes[index] if self.changes else None

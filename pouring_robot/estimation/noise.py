@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.instruments import KINDS, LEAST_NOISE, Kind, Noise, NoiseLevel, are
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
@@ -24,7 +24,7 @@ def commands(drives: FloatArray) -> NDArray[np.int64]:
     return np.round(drives / _SAME_DRIVE).astype(np.int64)
 
 
-def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
     """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
     drives = commands(campaign.drives[rows])
     approach = np.zeros((rows.size, 1)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
@@ -35,7 +35,7 @@ def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 
 
-def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tuple[Noise | None, Noise | None]:
+def repeat_noise(measured: MeasuredPoses, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:
     """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
     sums, freedoms = np.zeros(2), np.zeros(2)
     for rows in groups:
@@ -59,7 +59,7 @@ def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tup
     return found[0], found[1]
 
 
-def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
+def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
     """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
     measured, facts = MeasuredPoses.from_campaign(campaign, NoiseLevel({})), campaign.metadata
     stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
@@ -72,9 +72,7 @@ def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
     return NoiseLevel(found)
 
 
-def largest_noise(
-    noise: NoiseLevel, components: NDArray[np.intp], tolerated: Iterable[FloatArray]
-) -> dict[Kind, float]:
+def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:
     """Return how large what is left over may be at most to pass for noise, in m or rad, of each kind it stands for.
 
     It is what all errors within the robot's tolerances make together, root mean square. A device that scatters by more

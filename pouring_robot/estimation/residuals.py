@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
@@ -25,9 +24,9 @@ from pouring_robot.estimation.instruments import (
     Turns,
     kind_of,
 )
-from pouring_robot.estimation.measurement import BoolArray, Differentiated, Prediction
+from pouring_robot.estimation.measurement import Differentiated, Prediction
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 Loss = Literal["huber", "soft_l1", "linear"]
 _INLIER_SHARE = 0.99
@@ -73,7 +72,7 @@ class MeasuredPoses(PoseStack):
             others.append(Closures(noise["closure"].sigma, np.repeat(usable[:, None], redundant, axis=1)))
         return cls(seen.position_m, seen.rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
-    def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
+    def __getitem__(self, rows: Indices | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
         others = tuple(instrument[rows] for instrument in self.others)
         return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows], others=others)
@@ -83,7 +82,7 @@ class MeasuredPoses(PoseStack):
         others = tuple(replace(instrument, sigma=noise[instrument.kind].sigma) for instrument in self.others)
         return replace(self, sigma_position_m=noise.position_m, sigma_rotation_rad=noise.rotation_rad, others=others)
 
-    def without(self, rows: NDArray[np.intp]) -> MeasuredPoses:
+    def without(self, rows: Indices) -> MeasuredPoses:
         """Return the same with some rows not measured."""
         kept = ~np.isin(np.arange(len(self)), rows)
         places, turns, *others = self.instruments
@@ -130,9 +129,9 @@ class WhitenedEquations(Differentiated):
 
     residual: FloatArray  # shape (m,): measured minus predicted over sigma
     jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
-    rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
-    components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
-    failed: NDArray[np.intp]  # rows that were measured but have no prediction
+    rows: Indices  # row each equation comes from, shape (m,)
+    components: Indices  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
+    failed: Indices  # rows that were measured but have no prediction
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:
@@ -167,7 +166,7 @@ def _quantiles(share: float) -> FloatArray:
     return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
 
 
-def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
+def _blocks(equations: WhitenedEquations) -> tuple[Indices, FloatArray, Indices]:
     """Return the block of each equation, and of each block its squared size and number of components."""
     blocks = len(KINDS) * equations.rows + kind_of(equations.components)
     squared = np.bincount(blocks, equations.residual**2).astype(np.float64)

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
-Rows = NDArray[np.intp]
 BLOCKS = 5
 WORSE = 1.05
 """A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
@@ -25,17 +23,17 @@ class Split:
     """Which rows serve for what."""
 
     kind: BlockKind  # how rows belong together
-    test: Rows  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
+    test: Indices  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
     test_name: str  # the block's name
-    folds: tuple[Rows, ...]  # blocks of the other rows; each validates what the others are fitted to
+    folds: tuple[Indices, ...]  # blocks of the other rows; each validates what the others are fitted to
 
     @property
-    def train(self) -> Rows:
+    def train(self) -> Indices:
         """All rows but the test block, ascending."""
         return np.sort(np.concatenate(self.folds))
 
     @property
-    def validations(self) -> tuple[tuple[Rows, Rows], ...]:
+    def validations(self) -> tuple[tuple[Indices, Indices], ...]:
         """Rows to fit and rows to judge that fit by, in turn.
 
         Regions: each fold by all others. Sessions and stretches of time: each by those before it, as the test block
@@ -49,7 +47,7 @@ class Split:
         return tuple(pairs)
 
 
-def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Split:
+def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
     """Split a campaign, but for rows that no fit should use; what was measured plays no part in it.
 
     The test block is the last one: the last session or stretch of time, or the region whose first row comes last. Of
@@ -79,7 +77,7 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     )
 
 
-def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Rows]:
+def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Indices]:
     """Return whole blocks of rows, ascending, by name: every usable row is in exactly one.
 
     Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
@@ -102,7 +100,7 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str
     return {f"{word} {i} of {len(found)}": np.sort(part) for i, part in enumerate(found, start=1)}
 
 
-def _stretches(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
+def _stretches(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
     """Return stretches of nearly equal row count in order of time; where a time is missing, in order of rows."""
     time = campaign.time_s
     if time is not None and not np.isnan(time[rows]).any():
@@ -110,11 +108,11 @@ def _stretches(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
     return np.array_split(rows, min(count, rows.size))
 
 
-def _regions(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
+def _regions(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
     spread = campaign.drives[rows].std(axis=0)
     scaled = campaign.drives / np.where(spread > 0.0, spread, 1.0)
-    whole, divisible = list[Rows](), [rows]
+    whole, divisible = list[Indices](), [rows]
     while divisible and len(whole) + len(divisible) < count:
         block = divisible.pop(int(np.argmax([part.size for part in divisible])))
         halves = _halve(block, scaled)
@@ -125,7 +123,7 @@ def _regions(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
     return sorted([*whole, *divisible], key=lambda block: int(block.min()))
 
 
-def _halve(rows: Rows, scaled: FloatArray) -> tuple[Rows, Rows] | None:
+def _halve(rows: Indices, scaled: FloatArray) -> tuple[Indices, Indices] | None:
     """Split at the median of the widest drive; equal values stay together. None: all rows are the same pose."""
     for axis in np.argsort(-np.ptp(scaled[rows], axis=0), kind="stable"):
         values = scaled[rows, axis]

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import BadInputError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
 
 Z95 = 1.959963984540054

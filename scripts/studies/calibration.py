@@ -26,13 +26,13 @@ from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import Fit, FitOptions, first_frames, identify
-from pouring_robot.estimation.measurement import BoolArray, MeasurementModel, ModelledRows, Unknowns, prior_std
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import Z95, FloatArray
+from pouring_robot.mechanism.arrays import Z95, BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring_robot import PouringRobot

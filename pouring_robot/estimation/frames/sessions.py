@@ -12,14 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
 from pouring_robot.mechanism.rotations import rotation_vectors
 
@@ -121,7 +120,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
     return base
 
 
-def base_displacements(values: FloatArray, session: NDArray[np.intp]) -> FloatArray:
+def base_displacements(values: FloatArray, session: Indices) -> FloatArray:
     """Return the displacement of the base that each row sees, (n, 6), in m and rad.
 
     ``values`` are those of the session parameters, (6 s,); ``session`` is the number of each row's among them, (n,), or

@@ -16,12 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
 FEWEST_ROWS = 6
@@ -71,7 +70,7 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     return starts
 
 
-def affine_map(poses: PoseStack, position_m: FloatArray, rows: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+def affine_map(poses: PoseStack, position_m: FloatArray, rows: BoolArray) -> tuple[FloatArray, float]:
     """Return the best affine map from fixed-platform to tracker axes, (3, 3), and how well the poses determine it.
 
     A sound campaign gives a rotation. Mirrored axes give a negative determinant. The second value is the least
@@ -194,7 +193,7 @@ class _Form:
         return misfit, constants, inner, inner_rotation
 
 
-def _definite(matrices: FloatArray) -> NDArray[np.bool_]:
+def _definite(matrices: FloatArray) -> BoolArray:
     """Return which symmetric matrices (…, 3, 3) are positive definite, by their leading minors (Sylvester)."""
     first, second = matrices[..., 0, 0], matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] ** 2
     return np.asarray((first > 0.0) & (second > 0.0) & (np.linalg.det(matrices) > 0.0))
