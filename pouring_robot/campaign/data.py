@@ -365,15 +365,11 @@ class Campaign(Result):
         Raises:
             BadInputError: no row is left, or an index is out of range.
         """
-        chosen = np.asarray(rows)
-        chosen = np.flatnonzero(chosen) if chosen.dtype == bool and chosen.size == len(self) else chosen
-        if (
-            chosen.ndim != 1
-            or chosen.size == 0
-            or chosen.dtype.kind not in "iu"
-            or chosen.min() < -len(self)
-            or chosen.max() >= len(self)
-        ):
+        try:
+            chosen = np.arange(len(self))[np.asarray(rows)]
+        except IndexError:
+            chosen = np.empty(0, dtype=np.intp)
+        if chosen.ndim != 1 or chosen.size == 0:
             raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}

@@ -39,12 +39,11 @@ def repeat_noise(measured: MeasuredPoses, groups: list[Indices]) -> tuple[Noise 
     """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
     sums, freedoms = np.zeros(2), np.zeros(2)
     for rows in groups:
-        position = measured.position_m[rows]
-        counts = np.isfinite(position).sum(axis=0)
-        for k in np.flatnonzero(counts > 1):
-            values = position[np.isfinite(position[:, k]), k]
-            sums[0] += float(((values - values.mean()) ** 2).sum())
-            freedoms[0] += values.size - 1
+        for column in measured.position_m[rows].T:
+            values = column[np.isfinite(column)]
+            if values.size > 1:
+                sums[0] += float(((values - values.mean()) ** 2).sum())
+                freedoms[0] += values.size - 1
         turned = measured.rotation[rows][np.isfinite(measured.rotation[rows]).all(axis=(1, 2))]
         if len(turned) > 1:
             stack = Rotation.from_matrix(turned)
