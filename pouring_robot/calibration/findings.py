@@ -15,7 +15,7 @@ from pouring_robot.estimation.instruments import NoiseLevel, are
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup
 
@@ -120,7 +120,7 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
     lines = []
     for k, (group, parameter) in enumerate(names, start=FRAMES):
-        unit, factor = ("mm", MM) if parameter.unit == "m" else ("mrad", MRAD)
+        unit, factor = shown_in(parameter.unit)
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
         lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, float(fit.learnt[k])))
     return lines
@@ -168,8 +168,7 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         shares = np.zeros(len(base.names))
         for name, share in combination.items():
             shares[base.names.index(name)] = share
-        inner = calibration.unknown_units[base.names.index(next(iter(combination)))]
-        unit, factor = ("mm", MM) if inner == "m" else ("mrad", MRAD)
+        unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
         std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
         prior = float(np.linalg.norm(shares * fit.prior_std))
         value = float(shares @ fit.unknowns.values)

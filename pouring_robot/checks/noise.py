@@ -29,7 +29,7 @@ from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -188,7 +188,7 @@ def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFl
         variances = [step**2 / 12.0 * float(one.by_drives[drives].sum()) for one in scatters]
         c = int(np.argmax(variances))
         if variances[c] > LEAST_FACTOR**2 and scatters[c].factor ** 2 > 1.0 + 0.5 * variances[c]:
-            unit, si = ("mm", MM) if campaign.robot.drives[drives[0]].unit == "m" else ("mrad", MRAD)
+            unit, si = shown_in(campaign.robot.drives[drives[0]].unit)
             headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
             message = (
                 f"rounded to {step / si:g} {unit}: {headings}; that alone is {math.sqrt(variances[c]):.2g} times the "

@@ -22,7 +22,7 @@ from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameters import ParameterCatalogue
@@ -212,8 +212,7 @@ def joint_effect(
     """
     catalogue = ParameterCatalogue(robot, drawing.mechanism)
     local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
-    small = np.array([MM if parameter.unit == "m" else MRAD for parameter in local])
-    return _effect(drawing, drives, frames, local), small
+    return _effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
 
 
 def _effect(

@@ -28,7 +28,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import Z95, FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import shown_in
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 LocalChanges = Mapping[str, FloatArray]
@@ -207,7 +207,7 @@ def of_drive(
     drive: Drive, name: str, prior_std: float, course: FloatArray, main: bool = True, per: str = ""
 ) -> EffectParameter:
     """Return a parameter that moves one drive along a course (n,), in its own unit; ``per`` is added to that."""
-    unit, si = ("mm", MM) if drive.unit == "m" else ("mrad", MRAD)
+    unit, si = shown_in(drive.unit)
     return EffectParameter(f"{drive.symbol}_{name}", unit + per, prior_std, {channel(drive): si * course}, main)
 
 

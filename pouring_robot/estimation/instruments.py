@@ -27,7 +27,7 @@ import numpy as np
 from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_vectors
 
 Kind = Literal["position", "rotation", "distance", "closure"]
@@ -228,7 +228,7 @@ class Noise:
 
 def unit_of(kind: Kind) -> tuple[str, float]:
     """Return the unit that a kind is shown in, and how large it is (SI)."""
-    return ("mrad", MRAD) if kind == "rotation" else ("mm", MM)
+    return shown_in("rad" if kind == "rotation" else "m")
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,11 @@ ROUND_OFF = 1e-9
 shrink. What stands beyond a limit by no more stands on it."""
 
 
+def shown_in(unit: str) -> tuple[str, float]:
+    """Return in what lengths (``m``) and angles are shown at the user's edge, and how large that is, in m or rad."""
+    return ("mm", MM) if unit == "m" else ("mrad", MRAD)
+
+
 @dataclass(frozen=True, eq=False)
 class PoseDifference:
     """Where the actual frame stands, seen from where it should be; both axes of the fixed platform."""

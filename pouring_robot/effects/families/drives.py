@@ -10,7 +10,7 @@ import numpy as np
 from pouring_robot.effects.base import Family, Form, of_drive, of_each, value_and_half_width
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import Z95, FloatArray
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.robot.description.definition import Drive
 
 _SHOWN_ORDERS = 3
@@ -159,7 +159,7 @@ class Periodic(Family):
             waves = [[values.get(f"{drive.symbol}_{name}_{order}", 0.0) for order in orders] for name, _ in _WAVES]
             sizes = np.hypot(*np.array(waves))
             largest = [int(k) for k in np.argsort(-sizes)[:_SHOWN_ORDERS] if sizes[k] > 0.0]
-            unit = "mm" if drive.unit == "m" else "mrad"
+            unit, _ = shown_in(drive.unit)
             said = ", ".join(f"{k + 1} ({sizes[k]:.3f})" for k in largest)
             rms = float(np.sqrt((sizes**2).sum() / 2.0))
             lines.append(f"{drive.words}: {rms:.3f} {unit} rms over a turn; largest orders (amplitude): {said}")

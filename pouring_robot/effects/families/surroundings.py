@@ -8,8 +8,8 @@ import numpy as np
 from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
+from pouring_robot.mechanism.poses import shown_in
 
 _SETTLING = (0.15, 0.3, 0.6)
 """Time constants of settling, as shares of the campaign."""
@@ -41,7 +41,7 @@ class BaseDrift(Family):
 def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[EffectParameter]:
     """Yield six parameters that move the base along a course; with a name they only shape another one."""
     for component in COMPONENTS:
-        unit, si, prior_std = ("mm", MM, 1.0) if component.startswith("t") else ("mrad", MRAD, 0.4)
+        (unit, si), prior_std = shown_in(component_unit(component)), 1.0 if component.startswith("t") else 0.4
         label = f"{component}_{name}" if name else component
         yield EffectParameter(label, unit, share * prior_std, {f"base.{component}": si * course}, main=not name)
 
