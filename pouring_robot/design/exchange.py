@@ -27,6 +27,8 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
+_Factors = Sequence[tuple[FloatArray, FloatArray]]  # C and blocks of each factor without the pose of a slot
+_Best = Callable[[Indices, int, _Factors], int]  # returns the candidate that is best in a slot of a plan
 # Keeps random first plans regular; against a mean information of one it changes no decision.
 _RIDGE = 1e-6
 _LEAST_GAIN = 1e-9
@@ -182,21 +184,20 @@ class _Search:
         """Exchange until nothing is gained; return the index and the plan."""
         by_determinant = self.criterion in ("D", "O1")
         if determinant_first and not by_determinant:
-            chosen = self._run(chosen, random, self._determinant_swap)
-        swap = self._determinant_swap if by_determinant else self._index_swap
+            chosen = self._run(chosen, random, self._by_determinant)
         while True:
-            chosen = self._run(chosen, random, swap)
+            chosen = self._run(chosen, random, self._by_determinant if by_determinant else self._by_index)
             if not self._trade_kinds(chosen):
                 return float(self._indices(self._information(chosen)[None])[0]), chosen
 
-    def _run(self, chosen: Indices, random: np.random.Generator, swap: Callable[[Indices, int], bool]) -> Indices:
+    def _run(self, chosen: Indices, random: np.random.Generator, best: _Best) -> Indices:
         chosen = chosen.copy()
         for _ in range(_ROUNDS):
             information = self._information(chosen)
             for factor in self.factors:
                 width = len(factor.inverse)
                 factor.restart(information[:width, :width])
-            swaps = [swap(chosen, slot) for slot in random.permutation(len(chosen)).tolist()]
+            swaps = [self._swapped(chosen, slot, best) for slot in random.permutation(len(chosen)).tolist()]
             if not any(swaps):
                 break
         return chosen
@@ -210,32 +211,30 @@ class _Search:
         others = np.delete(self.place[chosen], slot)
         return np.asarray((self.kind == self.slots[slot]) & ~np.isin(self.place, others))
 
-    def _gains(self, slot_out: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-        gains = log_determinants(slot_out[0][1])
-        return gains - log_determinants(slot_out[1][1]) if self.nuisance else gains
+    def _gains(self, out: _Factors) -> FloatArray:
+        gains = log_determinants(out[0][1])
+        return gains - log_determinants(out[1][1]) if self.nuisance else gains
 
-    def _determinant_swap(self, chosen: Indices, slot: int) -> bool:
-        present = int(chosen[slot])
-        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
-        gains = self._gains(out)
-        gains[~self._open(chosen, slot)] = -np.inf
-        best = int(np.argmax(gains))
-        if not gains[best] > gains[present] + _LEAST_GAIN:
+    def _swapped(self, chosen: Indices, slot: int, best: _Best) -> bool:
+        """Put the best candidate into a slot, in place; say whether it is another one."""
+        out = [factor.updated(factor.inverse, factor.blocks, int(chosen[slot]), -1.0) for factor in self.factors]
+        candidate = best(chosen, slot, out)
+        if candidate == chosen[slot]:
             return False
-        self._put(chosen, slot, best, out)
-        return True
-
-    def _put(self, chosen: Indices, slot: int, candidate: int, out: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for factor, (inverse, blocks) in zip(self.factors, out, strict=True):
             factor.inverse, factor.blocks = factor.updated(inverse, blocks, candidate, 1.0)
         chosen[slot] = candidate
+        return True
 
-    def _index_swap(self, chosen: Indices, slot: int) -> bool:
+    def _by_determinant(self, chosen: Indices, slot: int, out: _Factors) -> int:
+        gains, present = self._gains(out), int(chosen[slot])
+        gains[~self._open(chosen, slot)] = -np.inf
+        best = int(np.argmax(gains))
+        return best if gains[best] > gains[present] + _LEAST_GAIN else present
+
+    def _by_index(self, chosen: Indices, slot: int, out: _Factors) -> int:
         """Work out the index of the swaps that look best by its derivative or by the determinant."""
-        present = int(chosen[slot])
-        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
-        left = self._information(np.delete(chosen, slot))
-        may = self._open(chosen, slot)
+        left, may, present = self._information(np.delete(chosen, slot)), self._open(chosen, slot), int(chosen[slot])
         promises = (self._promise(left), self._promise(self._information(chosen)), self._gains(out))
         ranked = [np.argsort(np.where(may, -one, np.inf), kind="stable")[:_SHORTLIST] for one in promises]
         shortlist = np.unique(np.concatenate([*ranked, [present]]))
@@ -243,10 +242,8 @@ class _Search:
         added = self.rows[shortlist]
         scores = self._indices(left + np.swapaxes(added, 1, 2) @ added)
         best = int(np.argmax(scores))
-        if not scores[best] > scores[shortlist == present][0] * (1.0 + _LEAST_GAIN):
-            return False
-        self._put(chosen, slot, int(shortlist[best]), out)
-        return True
+        better = scores[best] > scores[shortlist == present][0] * (1.0 + _LEAST_GAIN)
+        return int(shortlist[best]) if better else present
 
     def _trade_kinds(self, chosen: Indices) -> bool:
         """Let two slots of different kinds trade places, in place, where that gains most; say whether one did.
