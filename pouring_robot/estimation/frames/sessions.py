@@ -19,7 +19,7 @@ from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
+from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import rotation_vectors
 
 SESSION = "session "
@@ -28,21 +28,15 @@ _ROUNDS, _HUBER = 12, 1.5
 
 
 @dataclass(frozen=True)
-class SessionParameter:
+class SessionParameter(FrameParameter):
     """One of the six numbers by which a session sees the base displaced against the largest session."""
 
     session: str  # its name
-    component: str  # tx, ty, tz, rx, ry or rz, in the base's axes
 
     @property
     def name(self) -> str:
-        """Name in tables."""
-        return f"{SESSION}{self.session}: base.{self.component}"
-
-    @property
-    def unit(self) -> str:
-        """``m`` or ``rad``."""
-        return component_unit(self.component)
+        """Such as ``session 2: base.tx``."""
+        return f"{SESSION}{self.session}: {super().name}"
 
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
@@ -50,7 +44,7 @@ def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     if not campaign.metadata.own_frames:
         return ()
     _, *others = by_size(campaign)
-    return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
+    return tuple(SessionParameter("base", component, name) for name in others for component in COMPONENTS)
 
 
 def by_size(campaign: Campaign) -> list[str]:
