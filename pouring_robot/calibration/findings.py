@@ -165,9 +165,7 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
     outer = (*base.names[:FRAMES], *(name for name in base.names[FRAMES:] if name.startswith(SESSION)))
     lines = []
     for combination in robot_combinations(base, outer):
-        shares = np.zeros(len(base.names))
-        for name, share in combination.items():
-            shares[base.names.index(name)] = share
+        shares = np.array([combination.get(name, 0.0) for name in base.names])
         unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
         std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
         prior = float(np.linalg.norm(shares * fit.prior_std))

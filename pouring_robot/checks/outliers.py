@@ -131,15 +131,11 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
     names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
     off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
     metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
-    line = f"line {campaign.lines[row]}"
-    if far:
-        message = f"{line}: the drives cannot reach the measured pose; it is {off} from theirs"
-        return found(campaign, FlagCode.UNREACHABLE_POSE, message, [row], names, metrics)
-    message = (
-        f"{line}: outlier, {off} from the nominal robot, {score:.0f} robust deviations from what the other rows say of "
-        "its errors"
-    )
-    return found(campaign, FlagCode.OUTLIER, message, [row], names, metrics)
+    code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
+    if not far:
+        others = f"{score:.0f} robust deviations from what the other rows say of its errors"
+        code, said = FlagCode.OUTLIER, f"outlier, {off} from the nominal robot, {others}"
+    return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
 
 
 def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:

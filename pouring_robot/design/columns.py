@@ -158,21 +158,17 @@ def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
 def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
     """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
     values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
-    squares, slopes = values**2, np.zeros(len(values))
-    lowest, highest = int(np.argmin(values)), int(np.argmax(values))
     if criterion in ("D", "O1"):
-        return np.asarray(observability_index(values, "O1", poses) / (2.0 * len(values) * squares))
-    if criterion == "O2":
-        slopes[lowest] += 0.5 / (values[lowest] * values[highest])
-        slopes[highest] -= 0.5 * values[lowest] / values[highest] ** 3
-    elif criterion == "O3":
-        slopes[lowest] = 0.5 / values[lowest]
-    elif criterion == "O4":
-        slopes[lowest] += 1.0 / values[highest]
-        slopes[highest] -= 0.5 * squares[lowest] / values[highest] ** 3
-    else:
-        slopes = 0.5 * observability_index(values, "O5", poses) ** 2 / values**3
-    return slopes
+        return np.asarray(observability_index(values, "O1", poses) / (2.0 * len(values) * values**2))
+    if criterion == "O5":
+        return np.asarray(0.5 * observability_index(values, "O5", poses) ** 2 / values**3)
+    low, high, places = values.min(), values.max(), np.arange(len(values))
+    by_low, by_high = {
+        "O2": (0.5 / (low * high), -0.5 * low / high**3),
+        "O3": (0.5 / low, 0.0),
+        "O4": (1.0 / high, -0.5 * low**2 / high**3),
+    }[criterion]
+    return np.asarray(by_low * (places == values.argmin()) + by_high * (places == values.argmax()))
 
 
 def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:

@@ -113,8 +113,7 @@ class _Form:
         n, self.arm = len(poses), metres_per_rad
         # Equations of a row: (A s - R t_2 - p) - c, by the entries of A, by t_2 and by one.
         self.rows = np.zeros((n, 3, 13))
-        for axis in range(3):
-            self.rows[:, axis, 3 * axis : 3 * axis + 3] = measured.position_m
+        self.rows[:, :, :9] = np.kron(np.eye(3), measured.position_m[:, None])
         self.rows[:, :, 9:12], self.rows[:, :, 12] = -poses.rotation, -poses.position_m
         weight = sets.sum(axis=1)
         self.mean = np.einsum("kn,nij->kij", sets, self.rows, optimize=True) / weight[:, None, None]
