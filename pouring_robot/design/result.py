@@ -151,9 +151,7 @@ class MeasurementPlan(Result):
             for row in rows
         ]
 
-    def _table(self) -> Any:
-        """The rows as the plan's file has them, in the order to measure."""
-        return self.rows()
+    _table = rows
 
     def csv(self) -> str:
         """Return the plan's file as text, in the order to measure."""

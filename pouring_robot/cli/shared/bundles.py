@@ -125,8 +125,10 @@ class Under:
 
         known = condition_headings(robot.model.definition)
         found = robot.read_commands(path, known)
-        if not robot.model.conditional:
-            options.say_unused(path, [heading for heading in read_table(path, "").headings if heading in known])
+        unused = () if robot.model.conditional else (name for name in read_table(path, "").headings if name in known)
+        if names := ", ".join(unused):
+            warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
+            options.note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
         return found
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:

@@ -210,14 +210,6 @@ def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = Fal
         note(line)
 
 
-def say_unused(path: Path, headings: Iterable[str]) -> None:
-    """Say on standard error which columns of conditions a table has for nothing, if it has any."""
-    names = ", ".join(headings)
-    if names:
-        warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
-        note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
-
-
 def note(line: str) -> None:
     """Print a note on standard error, unless nothing but errors and JSON is to be printed."""
     if not QUIET.get():
