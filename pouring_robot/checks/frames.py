@@ -197,8 +197,7 @@ class FrameChecks:
                 break
             before = fit.position_scale_m / self.data.size_m
             mistake = self._likeliest((_EQUAL if self.data.stretched else _GAIN) * before)
-            undone = None if mistake is None else mistake.undo(self.data)
-            if mistake is None or undone is None:
+            if mistake is None or (undone := mistake.undo(self.data)) is None:
                 break
             after = undone.fit(1.0, rotations=False)
             gain = _EQUAL if self.data.stretched and not undone.stretched else _GAIN
@@ -218,7 +217,7 @@ class FrameChecks:
     def _which_axes(self, mistake: Mistake) -> None:
         """Name the axes that are mirrored, where rotations tell them: as they are, they fit one mirror image only."""
         mirrored = reversed_x(self.data)
-        tried = [(mirror, undone) for mirror in mirror_mistakes(self.campaign) if (undone := mirror.undo(mirrored))]
+        tried = _undone(mirror_mistakes(self.campaign), mirrored)
         best = _least([one for one in _fitted(tried, _turn_misfit, _HOPELESS_RAD) if one[0] <= _HOPELESS_RAD])
         if best is None or len(best.equals) == len(tried) - 1:
             return  # rotations do not tell
@@ -242,8 +241,7 @@ class FrameChecks:
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
-        undone = ((m, m.undo(some)) for m in position_mistakes(self.campaign, self.drawing, some))
-        tried = [(mistake, data) for mistake, data in undone if data is not None]
+        tried = _undone(position_mistakes(self.campaign, self.drawing, some), some)
 
         def misfit(data: Comparison, rough: bool) -> float:
             return data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
@@ -263,14 +261,9 @@ class FrameChecks:
         before = _turn_misfit(self.data, rough=False)
         if before <= max(_SUSPECT_TURN_RAD, _SUSPECT_SIGMAS * sigma):
             return
-        tried = []
-        for mistake in TURN_MISTAKES:
-            undone = mistake.undo(self.data)
-            # A mistake that changes vectors so far may cause a misfit, of which the frames take up a part.
-            if undone is not None:
-                change = undone.turned_by(self.data)
-                if change / _TAKEN_UP < before < change * _FAR_ROWS:
-                    tried.append((mistake, undone))
+        changes = [(m, undone, undone.turned_by(self.data)) for m, undone in _undone(TURN_MISTAKES, self.data)]
+        # A mistake that changes vectors so far may cause a misfit, of which the frames take up a part.
+        tried = [(m, undone) for m, undone, far in changes if far / _TAKEN_UP < before < far * _FAR_ROWS]
         left = _fitted(tried, _turn_misfit, _GAIN * before)
         least = min((after for after, _ in left), default=before)
         # Of equals the first: the simpler mistake.
@@ -278,7 +271,7 @@ class FrameChecks:
         if after < _GAIN * before:
             metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
             self._found(best.code, best.message, best.names, metrics)
-            self.data = best.undo(self.data) or self.data
+            self.data = dict(tried)[best]
         elif before > _HOPELESS_RAD:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
@@ -288,6 +281,11 @@ class FrameChecks:
 def _mostly_within(values: FloatArray, low: float, high: float) -> bool:
     known = values[np.isfinite(values)]
     return bool(np.mean((known >= low) & (known <= high)) > _NEARLY_ALL)
+
+
+def _undone(mistakes: Iterable[Mistake], data: Comparison) -> list[tuple[Mistake, Comparison]]:
+    """Return the mistakes that can be undone in data, each with the data without it."""
+    return [(mistake, undone) for mistake in mistakes if (undone := mistake.undo(data)) is not None]
 
 
 def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
