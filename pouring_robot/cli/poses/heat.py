@@ -100,16 +100,12 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
 
 @dataclass(frozen=True, eq=False)
 class Warmth:
-    """One command's answer, cold or warm; a cold robot has no heat, and so no temperatures.
-
-    ``shares`` are what geometry and heat do, by frame.
-    """
+    """One command's answer, cold or warm."""
 
     robot: Robot
     location: Location
-    heated: HeatedRobot | None = None
-    state: WarmState | None = None
-    shares: dict[str, PoseShares] = field(default_factory=dict)
+    warm: tuple[HeatedRobot, WarmState] | None = None  # None: cold, without heat and temperatures
+    shares: dict[str, PoseShares] = field(default_factory=dict)  # what geometry and heat do, by frame
 
     @classmethod
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
@@ -121,22 +117,22 @@ class Warmth:
         state = heated.locate(command)
         loops = state.location.loops
         told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
-        return cls(state.robot, state.location, heated, state, told)
+        return cls(state.robot, state.location, (heated, state), told)
 
     def figures(self) -> dict[str, Any]:
         """Return heat and shares, ready for JSON; nothing for a cold robot."""
-        if self.heated is None or self.state is None:
+        if self.warm is None:
             return {}
-        found: dict[str, Any] = {"heat": heat_figures(self.heated, self.state)}
+        found: dict[str, Any] = {"heat": heat_figures(*self.warm)}
         if self.shares:
             found["shares"] = {frame: _share_figures(one) for frame, one in self.shares.items()}
         return found
 
     def print(self) -> None:
         """Print what geometry and heat do alone and together, by how much they do not add up, and how warm it is."""
-        if self.heated is None or self.state is None:
+        if self.warm is None:
             return
-        rows = []
+        rows, (_, state) = [], self.warm
         for frame, one in self.shares.items():
             for k, (name, part) in enumerate(_share_figures(one).items()):
                 shift, turn = ([decimals(v, 3, sign=True) for v in part[key]] for key in _SHIFT_TURN)
@@ -150,10 +146,10 @@ class Warmth:
             f"the shares need not add up: geometry + heat misses the lip's actual place by {missing / MM:.4f} mm, "
             f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
         )
-        say(heat_line(self.heated, self.state))
+        say(heat_line(*self.warm))
         say(
-            f"temperatures taken where the ladle is, {self.state.turns} times; the last time moved it by "
-            f"{self.state.unsettled_m / MM:.1e} mm{unsettled_words(self.state.unsettled_m)}"
+            f"temperatures taken where the ladle is, {state.turns} times; the last time moved it by "
+            f"{state.unsettled_m / MM:.1e} mm{unsettled_words(state.unsettled_m)}"
         )
 
 

@@ -71,8 +71,8 @@ def path(
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
         return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
-    if found[0].heated and found[0].state:
-        notes.append(f"{warm.heat_line(found[0].heated, found[0].state)} (first pose)")
+    if first := found[0].warm:
+        notes.append(f"{warm.heat_line(*first)} (first pose)")
         if warmth is not None and len(found) > 1:
             notes.append(warm.alone_line(warmth))
     notes += places.outside_notes(isinstance(one, LadleLocation) and not one.in_workspace for one in locations)
