@@ -15,6 +15,7 @@ from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import credible
+from pouring_robot.mechanism.arrays import rms
 
 Varied = Callable[[str], Iterable[Process]]
 """Gives the processes by which the size of an effect that is at work may vary, by its id."""
@@ -142,7 +143,8 @@ def judge(
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
     own = _of_their_own(hypothesis, effects, varied, thresholds)
     large = [_cause(hypothesis, effect, thresholds) for effect in own]
-    remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
+    rest = discrepancy.sum(thresholds.least_evidence(len(discrepancy)), _MOST_PARTS)
+    remainder = rms(np.sum([one.part for one in rest], axis=0)) if rest else 0.0
     causes = _above(large, [_added(hypothesis, cause.indices) for cause in large], remainder, thresholds)
     at_work = {cause.effect for cause in causes}
     minor = tuple(effect for effect in effects if effect not in at_work)
@@ -163,7 +165,7 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    rest = discrepancy.sum(found.least_evidence, _MOST_PARTS) if found.clear_structures else []
+    rest = rest if found.clear_structures else []
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
 
 
@@ -195,7 +197,7 @@ def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection
 
 
 def _above(causes: Sequence[Cause], adds: Sequence[float], remainder: float, thresholds: Thresholds) -> list[Cause]:
-    """Return the causes without small ones that add less than what nobody explains, in noise standard deviations.
+    """Return the causes without small ones that add less than what processes explain, in noise standard deviations.
 
     On a real machine no cause has quite the library's form. What that leaves over can be explained a little by many an
     effect, and with many rows beyond any doubt, but by none as its cause.

@@ -5,6 +5,7 @@ normal one of variance 1 + s², whatever happens in the other rows.
 """
 
 from dataclasses import FrozenInstanceError, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -82,8 +83,9 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None):
+    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=()):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
+        self._rest = [SimpleNamespace(part=np.full(ROWS, part)) for part in rest]
         self._noise, self._under = noise, under
         self.asked = []
 
@@ -105,7 +107,7 @@ class Left:
 
     def sum(self, least_evidence, most):
         self.asked.append((least_evidence, most))
-        return ["summand"]
+        return self._rest
 
 
 def process(by="time"):
@@ -333,12 +335,17 @@ def test_a_doubtful_effect_alone_is_its_own_measure():
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
-def test_a_small_cause_that_adds_less_than_what_is_left_is_minor(factor, named):
-    """Absent, it would raise the mean square of what is left by twice its log evidence an equation."""
-    left = structure(0.0, factor * np.sqrt(2.0 * 30.0 / ROWS))
-    judged = judge(sized(amplitude_worth(30.0), 200.0), Left([structure(0.0, 0.01), left]))
+@pytest.mark.parametrize("noise_known", [True, False])
+def test_a_small_cause_that_adds_less_than_what_is_left_is_minor(factor, named, noise_known):
+    """Absent, it would raise the mean square of what is left by twice its log evidence an equation.
+
+    What is left is what processes explain together, whether the noise is known or not.
+    """
+    hypothesis, left = sized(amplitude_worth(30.0), 200.0), factor * np.sqrt(2.0 * 30.0 / ROWS)
+    judged = judge(hypothesis, Left(rest=(0.7 * left, 0.3 * left)), noise_known=noise_known)
     assert effects(judged) == (("large", "small") if named else ("large",))
     assert judged.minor == (() if named else ("small",))
+    assert judge(hypothesis, Left(), noise_known=noise_known).minor == ()
 
 
 def test_causes_keep_their_items_when_minor_ones_are_left_out():
@@ -351,16 +358,6 @@ def test_causes_keep_their_items_when_minor_ones_are_left_out():
     for cause in same.causes:
         assert [fewer.items[k].effect for k in cause.indices] == [cause.effect]
     assert [cause.effect for cause, _ in same.challenged] == ["large", "other"]
-
-
-@pytest.mark.parametrize(("factor", "named"), [(1.01, True), (0.99, False)])
-def test_of_unknown_noise_all_is_left(factor, named):
-    """Then a cause must add as much as the noise; where it is known and nothing is left, each counts."""
-    hypothesis = sized(amplitude_worth(0.5 * ROWS * factor**2), 200.0)
-    judged = judge(hypothesis, Left(), noise_known=False)
-    assert effects(judged) == (("large", "small") if named else ("large",))
-    assert judged.minor == (() if named else ("small",))
-    assert judge(hypothesis, Left()).minor == ()
 
 
 def test_what_adds_just_as_much_as_is_left_stays_and_what_adds_nothing_goes():
@@ -396,7 +393,7 @@ def test_nothing_found_is_no_gap():
 
 def test_clear_structure_makes_it_unknown_and_is_described():
     found = [structure(50.4, 0.456, "load"), structure(40.0, 0.4), structure(1.0, 3.0)]
-    left = Left(found, tried=6)
+    left = Left(found, tried=6, rest=(0.4,))
     limits = Thresholds(false_names=0.02)
     judged = judge(fitted({0: 20.0}, [explanation("a", axis(0))]), left, limits)
     assert judged.verdict == "unknown"
@@ -404,14 +401,14 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert len(judged.reasons) == 1
     assert "place by load (0.46 of the noise, log evidence 50)" in judged.reasons[0]
     assert judged.structures == tuple(found)
-    assert judged.remainder == ("summand",)
+    assert [one.part[0] for one in judged.remainder] == [0.4]
     assert left.asked == [(pytest.approx(np.log(6 / 0.02)), 3)]
     assert (judged.tried, judged.thresholds) == (6, limits)
 
 
 def told_as(noise, under, hypothesis, **given):
     """Judge one clear structure beside such a larger noise, under which processes find what is given."""
-    left = Left([structure(50.0, 0.5)], noise=noise, under=under)
+    left = Left([structure(50.0, 0.5)], noise=noise, under=under, rest=(0.5,))
     left.hypothesis = hypothesis
     return judge(hypothesis, left, **given)
 
@@ -422,7 +419,7 @@ def test_what_a_larger_noise_leaves_no_structure_of_scatters():
         judged = told_as((2.0, evidence), Left([structure(left, 0.1)]), alone)
         assert (judged.verdict, judged.scatters) == ("unknown", told)
         assert [s.evidence for s in judged.clear_structures] == ([] if told else [50.0])
-        assert ("like a larger noise" in judged.reasons[0], judged.remainder) == (told, () if told else ("summand",))
+        assert ("like a larger noise" in judged.reasons[0], bool(judged.remainder)) == (told, not told)
     assert not told_as((2.0, 9.0), Left(), alone, noise_known=False).scatters
 
 
@@ -442,9 +439,8 @@ def test_a_cause_is_one_under_the_larger_noise_too():
 
 
 def test_unclear_structure_is_not_described():
-    left = Left([structure(1.0, 3.0)])
-    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
-    assert (judged.verdict, judged.remainder, judged.reasons, left.asked) == ("named", (), (), [])
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left([structure(1.0, 3.0)], rest=(3.0,)))
+    assert (judged.verdict, judged.remainder, judged.reasons) == ("named", (), ())
 
 
 def test_a_cause_that_a_process_beats_is_only_the_nearest():
