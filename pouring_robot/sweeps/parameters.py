@@ -185,9 +185,9 @@ def _margin(config: SweepConfig, parameter: SweepParameter) -> Margin:
     if limit is None:
         return Margin(NORMAL_TOLERANCE_SIGMAS * std, std, std, np.inf)
     cut = limit / std
-    inside = float(scipy.special.erf(cut / np.sqrt(2.0)))
-    density = float(np.exp(-0.5 * cut**2) / np.sqrt(2.0 * np.pi))
-    return Margin(limit, std * float(np.sqrt(1.0 - 2.0 * cut * density / inside)), std, cut)
+    # The second moment within the cut over the share within it: of positive terms, so that a short cut loses no digits.
+    variance = scipy.special.gammainc(1.5, 0.5 * cut**2) / scipy.special.erf(cut / np.sqrt(2.0))
+    return Margin(limit, std * float(np.sqrt(variance)), std, cut)
 
 
 @dataclass(frozen=True, eq=False)

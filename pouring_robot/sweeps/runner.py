@@ -45,7 +45,7 @@ def sweep(
         out: folder for the results, made if need be.
         resume: go on with a sweep that was begun there.
         overwrite: begin anew in place of a sweep that is there.
-        workers: processes on this machine, none below 0; 0 computes in this one, with all its threads.
+        workers: processes on this machine, none below 0, no more than chunks; 0: this one alone, with all its threads.
         scheduler: address of a Dask cluster to compute on instead; results are written here.
         progress: told of every chunk.
 
@@ -117,7 +117,7 @@ def _complete(store: SweepStore, workers: int, scheduler: str | None, progress: 
 
 def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: str | None) -> _Results:
     """Yield chunks as a cluster finishes them; Dask gives those of a lost worker to another."""
-    with _client(workers, scheduler) as client:
+    with _client(min(workers, len(chunks)), scheduler) as client:
         import distributed
 
         waiting = iter(chunks)

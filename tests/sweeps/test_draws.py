@@ -46,6 +46,11 @@ def test_margins_know_their_deviation(make_plan):
     assert np.allclose([m.std for m in draws.margins], [2e-3 / 3**0.5, 0.5e-3, truncated, 2e-4 / 3**0.5])
 
 
+def test_a_normal_distribution_cut_short_is_a_uniform_one(make_plan):
+    entry = ENTRIES[2] | {"limit_mrad": 1e-9}
+    assert np.isclose(make_plan(errors=[entry]).draws.margins[0].std, 1e-12 / 3**0.5, rtol=1e-9, atol=0)
+
+
 def test_independent_errors_are_independent(values):
     off = np.corrcoef(values.T)[np.triu_indices(values.shape[1], 1)]
     assert np.abs(off).max() < 4.0 / COUNT**0.5

@@ -192,3 +192,16 @@ def test_workers_are_a_number_of_processes(plan, tmp_path, workers):
     with pytest.raises(BadInputError, match=f"workers is a number of processes, .* not {workers!r}"):
         run_sweep(plan, tmp_path / "out", workers=workers)
     assert not (tmp_path / "out").exists()
+
+
+def test_no_more_processes_are_started_than_there_are_chunks(plan, tmp_path, monkeypatch):
+    started = []
+
+    def refuse(workers, scheduler):
+        started.append(workers)
+        raise SweepWorkerError("none")
+
+    monkeypatch.setattr("pouring_robot.sweeps.runner._client", refuse)
+    with pytest.raises(SweepWorkerError):
+        run_sweep(plan, tmp_path / "out", workers=100_000)
+    assert started == [plan.chunk_grid[0] * plan.chunk_grid[1]]
