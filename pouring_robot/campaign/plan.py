@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.io.given import whole
+from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -16,7 +16,7 @@ from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.robot import Command, Robot
+from pouring_robot.robot.robot import LOADED, Command, Robot
 
 _SECONDS_A_POSE = 75.0
 _MOST_POSES = 100_000
@@ -102,8 +102,10 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     them shows.
 
     Raises:
-        BadInputError: the count is not between 1 and 100,000, the seed is negative, or hardly any pose is in reach.
+        BadInputError: there is no robot, the count is not between 1 and 100,000, the seed is negative, or hardly any
+            pose is in reach.
     """
+    expect(robot, Robot, LOADED)
     count = whole(count, 1, f"a plan has 1 to {_MOST_POSES} poses", _MOST_POSES)
     seed = whole(seed, 0, "the seed of a plan is a whole number from 0 on")
     random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)

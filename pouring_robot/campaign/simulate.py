@@ -23,7 +23,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.robot import LOADED, Robot
 
 _SCREW_PITCH_M = 0.010
 
@@ -108,12 +108,13 @@ def simulate_campaign(
     on the conditions of the plan.
 
     Raises:
-        BadInputError: there is no plan, the model has effects that depend on conditions and there are no ``robots``, or
-            another number of them, more outliers than rows are asked for, or the robot has redundant drives: what they
-            read follows from where the body is, not the other way round.
+        BadInputError: there is no robot or plan, the model has effects that depend on conditions and there are no
+            ``robots``, or another number of them, more outliers than rows are asked for, or the robot has redundant
+            drives: what they read follows from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
+    expect(robot, Robot, LOADED)
     expect(plan, PosePlan, "what is measured is a PosePlan, such as of random_plan or read_plan")
     rows = len(plan)
     if robots is None and robot.model.conditional:

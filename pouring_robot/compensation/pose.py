@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from pouring_robot.compensation.beside import bring_to
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
-from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -211,7 +210,6 @@ def compensate(
         UnknownFrameError: there is no such frame.
     """
     heated = heated if isinstance(heated, HeatedRobot) else HeatedRobot(heated)
-    expect(wanted, PlatformPose, "compensate brings the ladle to a PlatformPose")
     kinematics = heated.robot.kinematics
     loops = kinematics.mechanism.loops
     frame = frame or loops.end_frame or ""

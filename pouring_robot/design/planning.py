@@ -34,12 +34,13 @@ from pouring_robot.design.result import MeasurementPlan, PlanQuality, Undetermin
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.robot import LOADED, Robot
 from pouring_robot.robot.tolerances import Tolerances
 
 _LADLE_LEVELS = (3, 3, 7, 7)  # of the workspace's grid, its faces included, along x, y, z and tilt
@@ -58,12 +59,14 @@ class Planner:
     """Plans for one robot and one request. Candidates and their columns are worked out once.
 
     Raises:
-        BadInputError: a parameter is unknown, a load is more than the ladle holds, or the candidates are too few.
+        BadInputError: there is no robot, a parameter is unknown, a load is more than the ladle holds, or the candidates
+            are too few.
         UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
         NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
+        expect(robot, Robot, LOADED)
         self.robot, self.request = robot, request or PlanRequest()
         loads, temperatures = self.request.loads_kg, self.request.leg_degC
         if not isinstance(robot, PouringRobot):

@@ -17,6 +17,7 @@ from typing import Literal
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -103,8 +104,7 @@ class PlanRequest:
             ("number of starts", self.starts, 1, 1000),
             ("seed", self.seed, 0, 2**63),
         ):
-            if not least <= count <= most:
-                raise BadInputError(f"the {name} must be {least} to {most}, not {count}")
+            whole(count, least, f"the {name} must be {least} to {most}", most)
         for name, value, unit in (
             ("noise of a position", self.noise.position_m, "m"),
             ("noise of a rotation", self.noise.rotation_rad, "rad"),

@@ -50,6 +50,8 @@ Command = PlatformPose | Target | FloatArray | Sequence[float]
 """What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
 NUMBERS = "numbers are drive values, in m and rad, and a pose is a PlatformPose or a Target"
 """What a command of numbers means, for errors."""
+LOADED = "give a Robot, as load_robot and Robot.load make it"
+"""What is wanted where no robot is given, for errors."""
 _MOST_TRIES = 12
 
 
@@ -153,13 +155,14 @@ class Robot:
         commanded = finite(drives, (None, len(names)), demand)
         start = self.drawing.starts(commanded)
         closed = self.close(commanded, start)
+        answered = np.isfinite(start.position).all(axis=1)  # else the drawing has no pose for these drives
         units = [drive.unit for drive in self.model.definition.drives]
         coordinates = {
             "drive": list(names),
             "unit": ("drive", units),
             "commanded_drives": (("pose", "drive"), commanded),
         }
-        return self._dataset(start, closed, self.drawing.in_reach(start) | ~closed.closed, coordinates)
+        return self._dataset(start, closed, self.drawing.in_reach(start) | (answered & ~closed.closed), coordinates)
 
     def _dataset(
         self, start: BatchStart, closed: BatchClosure, reachable: NDArray[np.bool_], coordinates: Mapping[str, Any]

@@ -39,6 +39,9 @@ def test_a_campaign_is_of_a_robot_and_a_plan_of_whole_poses(tmp_path):
         Campaign.read(tmp_path / "c.csv", 3)
     with pytest.raises(BadInputError, match=r"a plan has 1 to 100000 poses, not 2\.5"):
         random_plan(Robot.load(ROBOTS / "arm" / "robot.yaml"), 2.5, seed=1)
+    for call in (lambda: random_plan("robot.yaml", 2, seed=1), lambda: simulate_campaign("robot.yaml", None)):
+        with pytest.raises(BadInputError, match=r"give a Robot, as load_robot and .* not a str"):
+            call()
 
 
 def test_redundant_drives_are_not_simulated_from_commands():

@@ -168,5 +168,6 @@ def test_a_result_is_told_on_one_line(hot):
 
 def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
     assert compensate(as_built, POSE).drives == compensate(HeatedRobot(as_built), POSE).drives
-    with pytest.raises(BadInputError, match="brings the ladle to a PlatformPose, not a ndarray"):
-        compensate(as_built, np.zeros(4))
+    for call in (compensate, lambda robot, pose: HeatedRobot(robot).locate(pose)):
+        with pytest.raises(BadInputError, match="a pose is a PlatformPose, not a ndarray"):
+            call(as_built, np.zeros(4))

@@ -17,6 +17,8 @@ def test_a_plan_is_as_large_as_asked(drawing):
 def test_what_does_not_exist_is_refused(drawing):
     with pytest.raises(BadInputError, match="no parameter"):
         plan_campaign(drawing, PlanRequest(parameters=("nothing",)))
+    with pytest.raises(BadInputError, match=r"give a Robot, as load_robot and .* not a str"):
+        plan_campaign("robot.yaml")
 
 
 def test_another_robot_is_planned_by_its_drives(tmp_path):

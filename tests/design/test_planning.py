@@ -395,6 +395,7 @@ def test_too_few_poses_are_refused(robot):
     ("figures", "said"),
     [
         ({"poses": 0}, "number of poses"),
+        ({"poses": "12"}, "number of poses must be 1 to 500, not '12'"),
         ({"both_sides": 31}, "both sides"),
         ({"noise": NoiseLevel.stated(-1e-5, 1e-5)}, "noise of a position"),
         ({"noise": NoiseLevel.stated(1e-5, float("nan"))}, "noise of a rotation"),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, ROUND_OFF, joint_reach, refuse_beyond
@@ -116,6 +117,7 @@ class FourUPUKinematics:
 
     def joint_values(self, pose: PlatformPose) -> dict[str, float]:
         """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
+        expect(pose, PlatformPose, "a pose is a PlatformPose")
         joints = self.chain_joints(np.array(pose.position_m), np.array(pose.tilt_rad))
         return dict(zip(self.joint_names, joints.ravel().tolist(), strict=True))
 
