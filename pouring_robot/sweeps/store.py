@@ -200,7 +200,7 @@ def require_room(folder: Path | str, plan: SweepPlan) -> None:
         disk = shutil.disk_usage(there).total
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     study = f"{robots} robots at {len(plan.poses)} poses"
-    if size > disk:
+    if 0 < disk < size:  # some file systems do not tell their size
         raise plan.config.problem(
             f"the results of {study} take {_gigabytes(size)}, and the disk of {place} has {_gigabytes(disk)}; "
             "take fewer samples or poses, or a larger disk"
@@ -285,7 +285,7 @@ def _difference(other: Any, own: dict[str, Any]) -> str:
             named.append(f"package version {other.get(key)}")
         else:
             named.append(key)
-    return "it differs in " + ", ".join(named or ["unknown settings"])
+    return "it differs in " + ", ".join(dict.fromkeys(named or ["unknown settings"]))
 
 
 class _Array(NamedTuple):
@@ -309,7 +309,7 @@ def _arrays(plan: SweepPlan) -> dict[str, _Array]:
     both, block = (plan.draws.count, len(plan.poses)), (plan.sample_block, plan.pose_block)
     first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
     frames, parameters, margins = len(plan.config.frames), plan.parameters, plan.draws.margins
-    either = {"units": "m or rad, see coordinate 'unit'"}
+    either = {"units": "m or rad, see 'unit'"}
     codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
     place, known = f"{plan.mechanism.loops.end_frame}, commanded", _Array.known
     tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if plan.tilts else {}

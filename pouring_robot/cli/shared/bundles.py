@@ -128,7 +128,7 @@ class Under:
         unused = () if robot.model.conditional else (name for name in read_table(path, "").headings if name in known)
         if names := ", ".join(unused):
             warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
-            options.note(f"{path}: nothing in the model depends on {names}, which change nothing{warm}")
+            options.note(f"{path}: nothing in the model depends on {names}{warm}")
         return found
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:

@@ -185,7 +185,7 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     """Return the report as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
-    where = f"{frame} {plan.off} by, RMS over the robots: slices of the workspace, the worst tilt there"
+    where = f"How far {frame} is {plan.off}, RMS over the robots: slices of the workspace, the worst tilt there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
