@@ -53,9 +53,9 @@ class MeasurementOptions:
 
     def __post_init__(self) -> None:
         for name, value, most in (
-            ("noise of a position", self.sigma_position_m, 1.0),
-            ("noise of a rotation", self.sigma_rotation_rad or 0.0, 1.0),
-            ("size of an outlier", self.outlier_m, 100.0),
+            ("noise of a position in m", self.sigma_position_m, 1.0),
+            ("noise of a rotation in rad", self.sigma_rotation_rad or 0.0, 1.0),
+            ("size of an outlier in m", self.outlier_m, 100.0),
             ("share of lost cells", self.lost, 0.9),
         ):
             if not (math.isfinite(value) and 0.0 <= value <= most):
