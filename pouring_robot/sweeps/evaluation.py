@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
-from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for
+from pouring_robot.batch import BatchCommand, CompiledEngine, Engine
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 NOT_DONE = 255
 STATUS_NAMES = dict(enumerate(("ok", *BATCH_STATUS_NAMES[1:]))) | {NOT_DONE: "not done"}
@@ -27,41 +26,38 @@ class Platforms:
     status: ByteArray  # shape (robots, poses), see :data:`STATUS_NAMES`
 
 
-class Robots:
-    """Many robots at many poses, closed by their engine; or each is the chain that holds its errors, alone.
+def platforms(
+    engine: Engine,
+    commands: BatchCommand,
+    joints: Sequence[str],
+    placement_errors: FloatArray,
+    drive_errors: FloatArray,
+    *,
+    open_branch: bool,
+) -> Platforms:
+    """Return where robots with errors, closed by an engine, put the platform at commanded poses, in m and rad.
 
-    ``joints`` are those that placement errors displace. An ``open_branch`` has its joints held where the nominal robot
-    has them: the platform pose that the paper's Section 4 studies.
+    Placement errors, (robots, joints, 6), displace ``joints``; drive errors are (robots, drives). An ``open_branch`` is
+    the chain alone that holds a robot's errors, its joints held where the nominal robot has them: what the paper's
+    Section 4 studies.
     """
-
-    def __init__(
-        self, mechanism: ClosedChainMechanism, joints: Sequence[str], threads: int | None = None, *, open_branch: bool
-    ) -> None:
-        self._branches = CompiledEngine(mechanism, threads) if open_branch else None
-        self._engine = self._branches or engine_for(mechanism, threads)
-        self._sites = [self._engine.structure.site(joint) for joint in joints]
-
-    def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
-        """Return where they put the platform at the commanded poses, in m and rad.
-
-        Placement errors are of the joints given, (robots, joints, 6), drive errors (robots, drives).
-        """
-        shape = len(placement_errors), len(commands)
-        robot, pose = (index.ravel() for index in np.indices(shape))
-        errors = np.zeros((shape[0], self._engine.structure.site_count, 6))
-        errors[:, self._sites] = placement_errors
-        flat = errors.reshape(shape[0], -1)
-        of_all = flat[0] if shape[0] == 1 else flat[robot]
-        drives, start = commands.drives[pose] + drive_errors[robot], commands.start[pose]
-        if self._branches is None:
-            closed = self._engine.close(drives, start, of_all)
-        else:
-            chain = _own_chains(self._branches.structure.star, flat, drive_errors)
-            closed = self._branches.carry(chain[robot], drives, start, of_all)
-        loops = closed.residual.shape[1]  # none of a serial arm
-        gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
-        position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
-        return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))
+    shape = len(placement_errors), len(commands)
+    robot, pose = (index.ravel() for index in np.indices(shape))
+    errors = np.zeros((shape[0], engine.structure.site_count, 6))
+    errors[:, [engine.structure.site(joint) for joint in joints]] = placement_errors
+    flat = errors.reshape(shape[0], -1)
+    of_all = flat[0] if shape[0] == 1 else flat[robot]
+    drives, start = commands.drives[pose] + drive_errors[robot], commands.start[pose]
+    if open_branch:
+        assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
+        chain = _own_chains(engine.structure.star, flat, drive_errors)
+        closed = engine.carry(chain[robot], drives, start, of_all)
+    else:
+        closed = engine.close(drives, start, of_all)
+    loops = closed.residual.shape[1]  # none of a serial arm
+    gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
+    position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
+    return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))
 
 
 def _own_chains(star: Star, errors: FloatArray, drive_errors: FloatArray) -> IntArray:

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 import pouring_robot
-from pouring_robot.batch import BatchCommand
+from pouring_robot.batch import BatchCommand, Engine, engine_for
 from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray, grid
@@ -34,7 +34,7 @@ from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
-from pouring_robot.sweeps.evaluation import Platforms, Robots
+from pouring_robot.sweeps.evaluation import Platforms, platforms
 from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
 
 _MOST_ROUNDS = 20
@@ -103,7 +103,7 @@ class SweepPlan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what pickle sends: compiled engines stay at home, files need not exist elsewhere."""
-        return {name: value for name, value in self.__dict__.items() if name not in {"evaluator", "error_map"}}
+        return {name: value for name, value in self.__dict__.items() if name not in {"engine", "error_map"}}
 
     @property
     def tilts(self) -> bool:
@@ -186,9 +186,9 @@ class SweepPlan:
 
     def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
         """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses."""
-        to_joints = self.error_map
-        drives = to_joints.drive_errors(values) + self.model.offset_of_each_drive()
-        return self.evaluator.platforms(poses, to_joints.placement_errors(values), drives)
+        joints, errors = self.error_map.joints, self.error_map.placement_errors(values)
+        drives = self.error_map.drive_errors(values) + self.model.offset_of_each_drive()
+        return platforms(self.engine, poses, joints, errors, drives, open_branch=self.config.kind == "open_branch")
 
     @functools.cached_property
     def error_map(self) -> ErrorMap:
@@ -196,10 +196,9 @@ class SweepPlan:
         return ErrorMap(self.catalogue, self.parameters)
 
     @functools.cached_property
-    def evaluator(self) -> Robots:
-        """What puts robots at poses."""
-        joints, open_branch = self.error_map.joints, self.config.kind == "open_branch"
-        return Robots(self.mechanism, joints, self.threads, open_branch=open_branch)
+    def engine(self) -> Engine:
+        """What closes robots."""
+        return engine_for(self.mechanism, self.threads)
 
     @functools.cached_property
     def content(self) -> dict[str, Any]:

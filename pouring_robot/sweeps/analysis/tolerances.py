@@ -28,7 +28,7 @@ import scipy.optimize
 import scipy.special
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for
+from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.batch.structure import BoolArray
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -312,9 +312,8 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
     Raises:
         BatchClosureError: the robot does not close at a pose.
     """
-    engine = engine_for(plan.mechanism)
+    engine, rotation = plan.engine, poses.start.rotation
     wanted = [parameter.local for parameter in plan.parameters]
-    rotation = poses.start.rotation
     if plan.config.kind == "open_branch":
         assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
         found = engine.transfer_open_branch(poses.start.joints, wanted)
