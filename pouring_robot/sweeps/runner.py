@@ -128,7 +128,7 @@ def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: st
 
         def send(count: int) -> None:
             for chunk in itertools.islice(waiting, count):
-                future = client.submit(_compute, there, chunk, pure=False)
+                future = client.submit(SweepPlan.compute, there, chunk, pure=False)
                 pending[future] = chunk
                 finished.add(future)
 
@@ -138,10 +138,6 @@ def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: st
             result = _result(future)
             send(1)
             yield pending.pop(future), result
-
-
-def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
-    return plan.compute(chunk)
 
 
 def _received(plan: SweepPlan) -> SweepPlan:

@@ -152,7 +152,7 @@ def fail(plan, chunk):
 
 
 def test_a_fault_on_a_worker_is_one_line(plan, tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("pouring_robot.sweeps.runner._compute", fail)
+    monkeypatch.setattr(SweepPlan, "compute", fail)
     with pytest.raises(SweepWorkerError, match=r"a worker of the cluster failed \(ValueError: a fault on the worker\)"):
         run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
     assert not (tmp_path / "out").exists()
