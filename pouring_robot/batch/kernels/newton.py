@@ -118,8 +118,7 @@ def solve_step(star: Star, room: Room) -> float:
     """Write the Newton step from the factorised Hessian and the present gaps; return its largest component."""
     places = len(star.passive_count)
     s, step = room.schur, room.step
-    for c in range(6):
-        step[c] = 0.0
+    step[:] = 0.0
     for i in range(star.revolute.shape[0]):
         force, torque = three(room.gaps[i], FORCE), three(room.gaps[i], TORQUE)
         b = three(room.gaps[i], ORIGIN_B)
@@ -161,8 +160,7 @@ def solve_step(star: Star, room: Room) -> float:
 def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
     """Factorise the Hessian at the evaluated state; return whether it is positive semidefinite."""
     s = room.schur
-    for c in range(36):
-        s[c] = 0.0
+    s[:] = 0.0
     for i in range(star.revolute.shape[0]):
         rho = chain_columns(star, room, i, exact)
         if not eliminate(star, room, i, rho, damping):
@@ -187,15 +185,14 @@ def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
         wrench_stiffness(three(gaps, SHIFT), three(gaps, TURN), kt, kr, room.matrix, room.blocks)
     else:
         reference = minus(reference, scaled(0.5, three(gaps, GAP)))
-        for c in range(36):
-            room.matrix[c] = 0.0
+        room.matrix[:] = 0.0
         for c in range(3):
             room.matrix[7 * c], room.matrix[21 + 7 * c] = kt, kr
     for n in range(len(star.passive_count)):
         at, k = 6 * n, star.passive[i, n]
         if k < 0:
-            for c in range(6):
-                columns[at + c], stiff[at + c] = 0.0, 0.0
+            columns[at : at + 6] = 0.0
+            stiff[at : at + 6] = 0.0
             continue
         linear, angular = joint_twist(star, room, i, k, reference)
         put(columns, at, linear)
@@ -219,11 +216,9 @@ def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bo
     for n in range(places):
         row = n * places
         if star.passive[i, n] < 0:
-            for m in range(n):
-                low[row + m] = 0.0
+            low[row : row + n] = 0.0
             low[row + n] = 1.0
-            for c in range(6):
-                z[6 * n + c] = 0.0
+            z[6 * n : 6 * n + 6] = 0.0
             continue
         force, torque = three(wd, 6 * n), three(wd, 6 * n + 3)
         # Rows are later joints: the earlier joint's column stands on the left of W.

@@ -140,8 +140,8 @@ def close_samples(
         closures.iterations[row] = steps
         for i in range(star.revolute.shape[0]):
             residual_of(room, i, closures.residual[row, i])
-            for c in range(6):
-                closures.residual[row, i, c] = closures.residual[row, i, c] if code == CLOSED else math.nan
+        if code != CLOSED:
+            closures.residual[row, :, :] = math.nan
 
 
 @outermost

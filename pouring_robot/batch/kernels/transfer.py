@@ -69,14 +69,6 @@ class Columns(NamedTuple):
 
 
 @compiled
-def fill(matrix: FloatArray, value: float) -> None:
-    """Set G of one sample, (columns, 6), to one value."""
-    for p in range(matrix.shape[0]):
-        for r in range(6):
-            matrix[p, r] = value
-
-
-@compiled
 def determined(room: Room) -> bool:
     """Return whether no pivot of the factorised platform's block is round-off: the drives determine the platform."""
     least = math.inf
@@ -166,9 +158,9 @@ def site_axes(room: Room, i: int, k: int) -> Rotation:
 @compiled
 def transfer_one(star: Star, room: Room, columns: Columns, matrix: FloatArray, exact: bool) -> None:
     """Write G (columns, 6) of the evaluated and factorised sample."""
+    room.unit[:] = 0.0
     for r in range(6):  # u is the inverse Schur complement
-        for c in range(6):
-            room.unit[6 * r + c] = 1.0 if c == r else 0.0
+        room.unit[7 * r] = 1.0
         solve_platform(room.schur, room.unit[6 * r : 6 * r + 6])
     joints, places = star.revolute.shape[1], len(star.passive_count)
     for i in range(star.revolute.shape[0]):
@@ -237,7 +229,7 @@ def transfer_samples(
         if status[row] == CLOSED:
             transfer_one(star, room, columns, matrix[row], exact)
         else:
-            fill(matrix[row], math.nan)
+            matrix[row, :, :] = math.nan
 
 
 @outermost
@@ -260,7 +252,7 @@ def branch_samples(
         sound = load_joints(star, room, samples.joints[row])
         if not (place_errors(star, room, samples, row, first) and sound):
             status[row] = NOT_FINITE
-            fill(matrix[row], math.nan)
+            matrix[row, :, :] = math.nan
             continue
         status[row] = CLOSED
         for i in range(chains):
