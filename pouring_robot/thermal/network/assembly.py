@@ -7,6 +7,8 @@ to the surroundings by convection and re-radiation.
 """
 
 # ruff: noqa: N802 - units keep their capitals: K, W, degC
+import functools
+
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
@@ -65,7 +67,7 @@ class ThermalNetwork:
         self._bars_in_the_way = self.bodies.in_the_way
         self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
         self._capacity = self.bodies.capacities()
-        self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
+        self._built = functools.lru_cache(_KEPT_POSES)(self._build)
 
     def steady(
         self,
@@ -105,11 +107,7 @@ class ThermalNetwork:
         return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
 
     def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
-        key = tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist())
-        self._kept[key] = found = self._kept.pop(key, None) or self._build(key)  # the last used stands last
-        if len(self._kept) > _KEPT_POSES:
-            del self._kept[next(iter(self._kept))]
-        return found
+        return self._built(tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist()))
 
     def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
