@@ -217,11 +217,14 @@ def compensate(
     commanded = {name: values[name] for name in loops.drives}
     start = kinematics.configuration(wanted)
 
+    def nominal(name: str) -> pin.SE3:
+        return wanted.to_se3() * kinematics.mechanism.placement_on_end(name)
+
     def held(drives: dict[str, float]) -> WarmState:
         return heated.settle(wanted, lambda warm: [warm.actual_solver.solve(warm.actual_drives(drives), start)])
 
     try:
-        search = _Search(wanted, _target(heated, wanted, frame), start, frame, dict(commanded))
+        search = _Search(wanted, nominal(frame), start, frame, dict(commanded))
         if heat_moves_m is None:
             state = heated.settle(wanted, search.close)
         else:
@@ -239,20 +242,11 @@ def compensate(
         raise
 
     def difference(closed: ClosureResult, name: str) -> PoseDifference:
-        return PoseDifference.between(_target(heated, wanted, name), closed.pose(loops.base_frame, name))
+        return PoseDifference.between(nominal(name), closed.pose(loops.base_frame, name))
 
     command, before = kinematics.forward(search.drives, near=wanted), difference(held(commanded).result, frame)
     left, at_lip, tilt = difference(result, frame), difference(result, loops.working_frame), search.left(result)[3]
     return Compensation(wanted, frame, search.drives, command, before, left, at_lip, float(tilt), search.steps, state)
-
-
-def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
-    """Return the pose of a frame of the moving platform, in the fixed platform, in the drawing."""
-    mechanism = heated.robot.kinematics.mechanism
-    data = mechanism.thread_data()
-    pin.framesForwardKinematics(mechanism.shared_model, data, mechanism.neutral_configuration())
-    end, tip = (data.oMf[mechanism.frame_id(name)] for name in (mechanism.loops.end_frame or "", frame))
-    return wanted.to_se3() * end.actInv(tip)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
