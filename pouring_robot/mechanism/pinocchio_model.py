@@ -13,7 +13,6 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import pinocchio as pin
 from lxml import etree
@@ -117,25 +116,19 @@ def _resolved(mimic: Mimic, every: Mapping[str, Mimic]) -> Mimic:
     raise BadInputError(f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free")
 
 
-class Tree(NamedTuple):
-    """A robot without its closures: its URDF with the joints as loops want them, joints that mimic, and the model."""
-
-    urdf: str
-    mimics: tuple[Mimic, ...]
-    model: pin.Model
-
-
-def tree_of(urdf: str, loops: LoopsFile, source: Path) -> Tree:
-    """Return the tree of a URDF text with joints as loops want them; the model is the caller's own.
+def tree_of(urdf: str, loops: LoopsFile, source: Path) -> tuple[str, tuple[Mimic, ...], pin.Model]:
+    """Return a URDF with joints as loops want them, those that mimic, and the model of it, which is the caller's own.
 
     Raises DescriptionError: a joint is absent, or the text is no URDF that Pinocchio can build, in its parser's words.
     """
-    tree = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
-    return tree._replace(model=tree.model.copy())
+    *read, model = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
+    return *read, model.copy()
 
 
 @functools.lru_cache(maxsize=32)  # one command asks for the same robot many times
-def _tree_of(urdf: str, kinds: tuple[tuple[str, str], ...], cut: tuple[str, ...], source: Path) -> Tree:
+def _tree_of(
+    urdf: str, kinds: tuple[tuple[str, str], ...], cut: tuple[str, ...], source: Path
+) -> tuple[str, tuple[Mimic, ...], pin.Model]:
     changed = dict(kinds) | dict.fromkeys(cut, "floating")
     try:
         tree_urdf = change_joints(urdf, changed)
@@ -148,7 +141,7 @@ def _tree_of(urdf: str, kinds: tuple[tuple[str, str], ...], cut: tuple[str, ...]
     except BadInputError as problem:
         raise DescriptionError(f"URDF of {source}", str(problem)) from problem
     model, spherical = _parsed(tree_urdf, source), {name for name, kind in changed.items() if kind == "spherical"}
-    return Tree(tree_urdf, mimics, make_spherical(model, spherical) if spherical else model)
+    return tree_urdf, mimics, make_spherical(model, spherical) if spherical else model
 
 
 def _parsed(urdf: str, source: Path) -> pin.Model:
