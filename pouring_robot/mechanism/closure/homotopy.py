@@ -1,7 +1,7 @@
 """Large errors that grow in steps: of several assembly modes the one that grows out of the drawing's is found."""
 
 from collections.abc import Callable
-from typing import Generic, TypeVar, overload
+from typing import Generic, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -45,10 +45,6 @@ class Shares(Generic[Made]):
         return made
 
 
-@overload
-def jumps(moved: float, before: float) -> bool: ...
-@overload
-def jumps(moved: FloatArray, before: FloatArray) -> NDArray[np.bool_]: ...
 def jumps(moved: FloatArray | float, before: FloatArray | float) -> NDArray[np.bool_] | bool:
     """Return whether a step of growth left the mode that the step before it followed; both in m, or arrays of them.
 
