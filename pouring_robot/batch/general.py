@@ -3,6 +3,8 @@
 Row by row with Pinocchio, it gives what the one-at-a-time solver and G give, and is as fast as they are.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 
@@ -44,10 +46,10 @@ class GeneralEngine(Engine):
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)
         shaped(start.joints, (count, mechanism.shared_model.nq), "the start's joints")
-        solvers, redundant = _Solvers(self.structure, placed, self.options), redundant_drives(mechanism)
+        solver_of, redundant = _solvers(self.structure, placed, self.options), redundant_drives(mechanism)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
         for row in range(count):
-            solver = solvers.of(row)
+            solver = solver_of(row)
             if solver is None or not np.isfinite(drives[row]).all() or not np.isfinite(start.joints[row]).all():
                 result.status[row] = NOT_FINITE
                 continue
@@ -68,11 +70,11 @@ class GeneralEngine(Engine):
     def _transfer(
         self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
-        solvers = _Solvers(self.structure, placed, self.options)
+        solver_of = _solvers(self.structure, placed, self.options)
         matrix, status = np.full((len(closed), 6, len(chosen)), np.nan), closed.status.copy()
         redundant = np.full((len(closed), closed.disagreement.shape[1], len(chosen)), np.nan)
         for row in np.flatnonzero(closed.status == CLOSED).tolist():
-            solver = solvers.of(row)
+            solver = solver_of(row)
             if solver is None:
                 status[row] = NOT_FINITE
                 continue
@@ -86,33 +88,25 @@ class GeneralEngine(Engine):
         return BatchTransfer(chosen, matrix, status, redundant)
 
 
-class _Solvers:
-    """The solver of each sample: the mechanism's own, or one of the mechanism displaced by the sample's errors."""
+def _solvers(
+    structure: Structure, placed: SiteErrors, options: ClosureOptions
+) -> Callable[[int], ClosureSolver | None]:
+    """Return what gives the solver of a sample by its number: None where an error of it is not a finite number."""
 
-    def __init__(self, structure: Structure, placed: SiteErrors, options: ClosureOptions) -> None:
-        self._structure, self._placed, self._options = structure, placed, options
-        self._common: ClosureSolver | None = None
-        if not len(placed.errors):
-            self._common = ClosureSolver(structure.mechanism, options=options)
-        elif len(placed.errors) == 1 and not placed.site.size:
-            self._common = self._displaced(structure.site_joints, placed.errors[0])
+    def displaced(joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver | None:
+        if not np.isfinite(errors).all():
+            return None
+        pairs = zip(joints, errors, strict=True)
+        moved = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in pairs if error.any()}
+        return ClosureSolver(structure.mechanism.displaced(moved), options=options)
 
-    def of(self, row: int) -> ClosureSolver | None:
-        """Return the solver of one sample, or None if an error of it is not a finite number."""
-        if self._common is not None:
-            return self._common
-        joints, errors = self._structure.site_joints, self._placed.errors[row]
-        if self._placed.site.size:
-            joints = (joints[self._placed.site[row]],)
-        return self._displaced(joints, errors) if np.isfinite(errors).all() else None
-
-    def _displaced(self, joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver:
-        moved = {
-            joint: pin.SE3(pin.exp3(error[3:]), error[:3])
-            for joint, error in zip(joints, errors, strict=True)
-            if error.any()
-        }
-        return ClosureSolver(self._structure.mechanism.displaced(moved), options=self._options)
+    joints, errors, site = structure.site_joints, placed.errors, placed.site
+    if site.size:
+        return lambda row: displaced((joints[site[row]],), errors[row])
+    if len(errors) > 1:
+        return lambda row: displaced(joints, errors[row])
+    common = displaced(joints, errors[0]) if len(errors) else ClosureSolver(structure.mechanism, options=options)
+    return lambda row: common
 
 
 def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
