@@ -117,13 +117,6 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         """Return the positions of the sets of each group."""
         return [np.flatnonzero(self.labels_ == group).tolist() for group in range(self.n_clusters_)]
 
-    def dendrogram(self, names: list[str] | None = None, ax: Any = None) -> dict[str, Any]:
-        """Return, and draw where matplotlib axes are given, SciPy's dendrogram over 1 − λ, a label for each set."""
-        from scipy.cluster.hierarchy import dendrogram
-
-        result: dict[str, Any] = dendrogram(self.linkage_, labels=names, ax=ax, no_plot=ax is None)
-        return result
-
 
 def grey_relational_degree(X: ArrayLike, y: ArrayLike) -> FloatArray:
     r"""Return γ of every set, a column of X, (n, k), to temperature y, (n,): numbers in (0, 1], shape (k,).

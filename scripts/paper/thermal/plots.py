@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.cluster.hierarchy import dendrogram
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.poses import MM
@@ -109,7 +110,7 @@ def choice_of_sets(study: ThermalStudy) -> bytes:
     selector = joint_of(table).selector_
     figure = new_figure(10.0, 4.0)
     tree, degrees = figure.subplots(1, 2)
-    selector.clustering_.dendrogram(list(table.names), tree)
+    dendrogram(selector.clustering_.linkage_, labels=list(table.names), ax=tree)
     tree.set_ylabel("1 − λ")
     tree.set_title("fuzzy clustering", fontsize=10)
     chosen = set(selector.sensitive_.tolist())
