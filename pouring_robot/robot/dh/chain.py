@@ -35,6 +35,7 @@ text says of chain 1: seven errors that reach 1 mm, X as main direction of α_12
 rule for both halves α_56 and θ_4 err by +1.3175 and −1.3175 mm, as the paper has it, with ours both by −1.3175.
 """
 
+import functools
 import itertools
 from dataclasses import dataclass
 
@@ -68,20 +69,13 @@ class DHChain:
     before: FloatArray  # constant matrices of the six sites, shape (6, 4, 4); ``after`` likewise (see module docstring)
     after: FloatArray
 
-    def at(self, joint_values: FloatArray, errors: FloatArray) -> FloatArray:
-        """Return the DH numbers at joint values (..., 5) with errors (8, 4); shape (..., 8, 4)."""
+    def poses(self, joint_values: FloatArray, errors: FloatArray) -> FloatArray:
+        """Return the pose of o in O at joint values (..., 5) with errors (8, 4); shape (..., 4, 4)."""
         values = np.zeros((*joint_values.shape[:-1], 8, 4))
         for k, (transform, symbol) in enumerate(VARIABLES):
             values[..., transform, symbol] = joint_values[..., k]
-        return values + (self.nominal + errors)
-
-    def poses(self, joint_values: FloatArray, errors: FloatArray) -> FloatArray:
-        """Return the pose of o in O at joint values (..., 5) with errors (8, 4); shape (..., 4, 4)."""
-        transforms = dh_transform(self.at(joint_values, errors))
-        pose = transforms[..., 0, :, :]
-        for k in range(1, len(TRANSFORMS)):
-            pose = pose @ transforms[..., k, :, :]
-        return np.asarray(pose)
+        transforms = dh_transform(values + (self.nominal + errors))
+        return np.asarray(functools.reduce(np.matmul, np.moveaxis(transforms, -3, 0)))
 
     def site_transforms(self, errors: FloatArray) -> FloatArray:
         """Return the product of each site's transforms at joint value zero, for (..., 8, 4); shape (..., 6, 4, 4)."""
@@ -265,11 +259,8 @@ def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> 
 
 def _poses_at_zero(placements: _Placements) -> FloatArray:
     """Return the five joints and o in O with every joint at zero; shape (6, 4, 4)."""
-    poses = [placements.sites[0]]
-    for k in range(1, SEAT):
-        poses.append(poses[-1] @ placements.sites[k])
-    poses.append(poses[-1] @ placements.foot @ inverse(placements.sites[SEAT] @ placements.rest))
-    return np.stack(poses)
+    joints = [*itertools.accumulate(placements.sites[:SEAT], np.matmul)]
+    return np.stack([*joints, joints[-1] @ placements.foot @ inverse(placements.sites[SEAT] @ placements.rest)])
 
 
 def _axes(placements: _Placements, at_zero: FloatArray, chain: str) -> list[_Line]:
