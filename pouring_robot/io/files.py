@@ -1,4 +1,4 @@
-"""Files are written whole or not at all."""
+"""Texts are read, and files written whole or not at all."""
 
 import errno
 import os
@@ -8,8 +8,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from pouring_robot.exceptions import OutputError
+from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.interrupt import stop_if_heard
+
+
+def read_text(path: Path, error: type[DescriptionError] = DescriptionError) -> str:
+    """Return the text of a file; raises DescriptionError (or ``error``) where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+        raise error(path, f"cannot be read: {reason}") from problem
 
 
 def write_whole(path: Path | str, content: bytes | str, *, overwrite: bool = True) -> Path:

@@ -20,6 +20,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.io.files import read_text
 from pouring_robot.io.tables import LARGEST
 
 Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
@@ -79,13 +80,7 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
         DescriptionError: (or ``error``) the file is missing, unreadable, not YAML, has a key twice, or is not a
             mapping; the message names the line.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
-        raise error(path, f"cannot be read: {reason}") from problem
-    return parse_yaml(text, path, error)
+    return parse_yaml(read_text(Path(path), error), Path(path), error)
 
 
 def parse_yaml(text: str, path: Path, error: type[DescriptionError] = DescriptionError) -> CommentedMap:

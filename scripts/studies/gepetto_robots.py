@@ -28,13 +28,13 @@ from pouring_robot.batch.general import engine_for
 from pouring_robot.batch.interface import Engine, closed_home
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
+from pouring_robot.io.files import read_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.robot.description.urdf import read_text
 from scripts.studies.gepetto_toolbox import ToolboxFindings, close_with, load_toolbox
 
 TARGETS, REACH, CLOSED, STEP = 40, 0.2, 1e-9, 3e-6

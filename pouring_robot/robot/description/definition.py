@@ -27,6 +27,7 @@ from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
+from pouring_robot.io.files import read_text
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.typed_yaml import validate
 from pouring_robot.mechanism.arrays import FloatArray
@@ -44,7 +45,6 @@ from pouring_robot.robot.description.urdf import (
     meshes_from,
     parsed,
     reach,
-    read_text,
 )
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
@@ -21,7 +22,7 @@ from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, joint_limits, parsed, read_text
+from pouring_robot.robot.description.urdf import carriers, joint_limits, parsed
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first

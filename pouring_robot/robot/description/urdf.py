@@ -57,15 +57,6 @@ def text(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file of the description; raises DescriptionError where it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise DescriptionError(path, f"cannot be read: {reason}") from error
-
-
 def reach(urdf: str, values: Mapping[str, float]) -> float:
     """Return the longest way from the root to a link, stretched out, in m; slides count with their values (m)."""
     root = etree.fromstring(urdf.encode())

@@ -22,9 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
+from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import grid, read_only
-from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, read_text
+from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
 from pouring_robot.robot.pouring.names import CHAINS

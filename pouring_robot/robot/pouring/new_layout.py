@@ -15,9 +15,9 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.files import read_text
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.pouring.kinematics import chain_joints
 from pouring_robot.robot.pouring.layout import load_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS
