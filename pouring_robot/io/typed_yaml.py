@@ -23,7 +23,15 @@ from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import read_text
 from pouring_robot.io.tables import LARGEST
 
+
+def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"a range runs upwards, not from {limits[0]:g} to {limits[1]:g}")
+    return limits
+
+
 Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
+Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
 _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 

@@ -6,17 +6,8 @@ import pydantic
 
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
-from pouring_robot.io.typed_yaml import Size, StrictModel
+from pouring_robot.io.typed_yaml import Range, Size, StrictModel
 from pouring_robot.robot.description.definition import RobotDefinition
-
-
-def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
-    if limits[0] > limits[1]:
-        raise ValueError(f"a range runs upwards, not from {limits[0]:g} to {limits[1]:g}")
-    return limits
-
-
-_Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 
 
 class ParameterEntry(StrictModel):
@@ -31,9 +22,9 @@ class LearnedCampaign(StrictModel):
     """The campaign that effects were learned in: what their shapes count from, and over what. SI units and °C."""
 
     # least and largest value of each drive and condition that the campaign has, by heading in inner units
-    ranges: dict[str, _Range] = pydantic.Field(default_factory=dict)
+    ranges: dict[str, Range] = pydantic.Field(default_factory=dict)
     # arcs of a turn in which each turning drive stood, by joint; of one that is left out the whole turn
-    seen_rad: dict[str, list[_Range]] = pydantic.Field(default_factory=dict)
+    seen_rad: dict[str, list[Range]] = pydantic.Field(default_factory=dict)
     sessions: dict[str, pydantic.PositiveInt] = pydantic.Field(min_length=1)  # how many rows each session has
     mean_span_m: list[float]  # mean distance of the joints at both ends of each drive, or value of one that turns
     # mean of the absolute force or moment on each drive, in N and Nm; empty: not known

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
+from pydantic import NonNegativeInt, PositiveFloat
 
 from pouring_robot.exceptions import BadInputError, SweepFileError, closest
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 
@@ -23,9 +24,7 @@ _SIZES: dict[str, tuple[str, ...]] = {
     "normal": ("std",),
     "truncated_normal": ("std", "limit"),
 }
-Positive = Annotated[float, pydantic.Field(gt=0.0)]
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
-Seed = Annotated[int, pydantic.Field(ge=0)]
 
 
 class ErrorEntry(StrictModel):
@@ -35,12 +34,12 @@ class ErrorEntry(StrictModel):
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
     distribution: Distribution = "uniform"
     # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
-    half_width_mm: Positive | None = None
-    half_width_mrad: Positive | None = None
-    std_mm: Positive | None = None  # standard deviation of the normal distribution, before truncation
-    std_mrad: Positive | None = None
-    limit_mm: Positive | None = None  # where the normal distribution is cut off on both sides
-    limit_mrad: Positive | None = None
+    half_width_mm: PositiveFloat | None = None
+    half_width_mrad: PositiveFloat | None = None
+    std_mm: PositiveFloat | None = None  # standard deviation of the normal distribution, before truncation
+    std_mrad: PositiveFloat | None = None
+    limit_mm: PositiveFloat | None = None  # where the normal distribution is cut off on both sides
+    limit_mrad: PositiveFloat | None = None
     # of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the correlation itself,
     # between uniform ones r it is (6/π) asin(r/2), at most 0.02 less
     correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
@@ -82,17 +81,10 @@ class ErrorEntry(StrictModel):
 class Box(StrictModel):
     """A part of the workspace, by lower and upper limits; what is left out is as in the layout."""
 
-    x_mm: tuple[float, float] | None = None
-    y_mm: tuple[float, float] | None = None
-    z_mm: tuple[float, float] | None = None
-    tilt_deg: tuple[float, float] | None = None
-
-    @pydantic.model_validator(mode="after")
-    def _ordered(self) -> Self:
-        for name, limits in self:
-            if limits is not None and limits[0] > limits[1]:
-                raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
-        return self
+    x_mm: Range | None = None
+    y_mm: Range | None = None
+    z_mm: Range | None = None
+    tilt_deg: Range | None = None
 
     def limits(self, layout: ArrayLike) -> FloatArray:
         """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad, from those of the layout."""
@@ -117,7 +109,7 @@ class RandomBox(StrictModel):
     """So many poses drawn evenly from a box."""
 
     count: int = pydantic.Field(ge=1)
-    seed: Seed = 0
+    seed: NonNegativeInt = 0
     box: Box = Box()
 
 
@@ -141,7 +133,7 @@ class Allocation(StrictModel):
     share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
     # whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own
     by: Grouping = "parameter"
-    loosest_factor: Positive = 10.0  # no tolerance grows beyond this many times the one in ``errors``
+    loosest_factor: PositiveFloat = 10.0  # no tolerance grows beyond this many times the one in ``errors``
     machines: int = pydantic.Field(default=1000, ge=1)  # robots drawn to verify the result by exact closures
 
 
@@ -168,10 +160,10 @@ class SweepConfig(StrictModel):
     tolerances: str | None = None  # a tolerances file for that (default: the robot's own, or the shipped one)
     # number of robots (monte_carlo) or of base samples, a power of two (sobol)
     samples: int | None = pydantic.Field(default=None, ge=1)
-    seed: Seed = 0  # of the draws
+    seed: NonNegativeInt = 0  # of the draws
     # closures computed and written at a time; bounds the memory, changes no number
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
-    accuracy_mm: Positive | None = None  # required; by default that of the layout, which other robots do not have
+    accuracy_mm: PositiveFloat | None = None  # required; by default that of the layout, which other robots do not have
     allocation: Allocation | None = None  # if given, the loosest tolerances are sought
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)

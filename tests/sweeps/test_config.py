@@ -59,7 +59,7 @@ BAD = {
     "frame elsewhere": ({"frames": ["leg1_foot"]}, "no frame 'leg1_foot'"),
     "two kinds of poses": ({"poses": {"grid": {}, "random": {"count": 1}}}, "exactly one of grid, random and file"),
     "missing pose file": ({"poses": {"file": "nowhere.csv"}}, "nowhere.csv"),
-    "upside-down box": ({"poses": {"grid": {"box": {"x_mm": [1, 0]}}}}, "is above the upper one"),
+    "upside-down box": ({"poses": {"grid": {"box": {"x_mm": [1, 0]}}}}, "x_mm': a range runs upwards, not from 1 to 0"),
     "no samples": ({"samples": None}, "needs samples"),
     "more robots than a disk holds": (
         {"samples": 10**13},

@@ -7,7 +7,7 @@ numbers that are not finite are refused. The properties ``metres`` and ``radians
 import math
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, PositiveFloat
 
 from pouring_robot.io.typed_yaml import StrictModel
 
@@ -20,7 +20,7 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Size = Annotated[float, Field(gt=0.0)]
+Size = PositiveFloat
 Bounds = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Point = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

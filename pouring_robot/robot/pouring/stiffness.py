@@ -16,10 +16,10 @@ supports with a moment at one end, which turns there by :math:`T L / (3 E I)`.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-import pydantic
+from pydantic import PositiveFloat
 
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
@@ -29,7 +29,6 @@ from pouring_robot.robot.pouring.layout_schema import Entry, LayoutEntry, Length
 Modulus = Entry[Size, Literal["N/m2"]]
 Axial = Entry[Size, Literal["N/m"]]
 Torsion = Entry[Size, Literal["Nm/rad"]]
-_Positive = Annotated[float, pydantic.Field(gt=0.0)]
 _SHORTEST_SPINDLE_M = 0.05
 
 
@@ -62,10 +61,10 @@ class TiltDrive(StrictModel):
 class Measured(StrictModel):
     """Measured stiffness in place of computed ones, in N/m and Nm/rad."""
 
-    leg_axial: _Positive | None = None
-    joint: _Positive | None = None
-    leg_torsion: _Positive | None = None
-    tilt_drive: _Positive | None = None
+    leg_axial: PositiveFloat | None = None
+    joint: PositiveFloat | None = None
+    leg_torsion: PositiveFloat | None = None
+    tilt_drive: PositiveFloat | None = None
 
 
 class StiffnessProperties(StrictModel):

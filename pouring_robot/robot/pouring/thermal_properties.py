@@ -7,7 +7,7 @@ temperatures (°C at the user's edge, K inside).
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat
 
 from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
@@ -22,7 +22,6 @@ PARTS = (*LEGS, "platform", "fixed_platform")
 _Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
-_Thickness = Annotated[float, Field(ge=0.0)]
 _Expansion = Annotated[float, Field(ge=0.0, le=1e-3)]
 
 
@@ -35,7 +34,7 @@ class Temperature(Entry[_Celsius, Literal["degC"]]):
         return self.value + ZERO_CELSIUS_K
 
 
-Thickness = InMetres[_Thickness, Literal["mm", "m"]]
+Thickness = InMetres[NonNegativeFloat, Literal["mm", "m"]]
 """Zero means that there is none."""
 Emissivity = Entry[_Fraction, Literal["1"]]
 Conductivity = Entry[Size, Literal["W/mK"]]
