@@ -20,7 +20,7 @@ from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transf
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -151,7 +151,7 @@ class CompiledEngine(Engine):
             raise BadInputError(f"'chain' must hold {count} numbers of chains from 0 to {chains - 1}")
         placed = SiteErrors.take(errors, count, self.structure.site_count)
         carried = self._straight(drives, start, placed, chain=chain)
-        lock_fields(carried, *vars(carried))
+        lock_arrays(carried)
         return carried
 
     def _room_for(self, start: BatchStart) -> BatchClosure:

@@ -8,7 +8,7 @@ import numpy as np
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, fixed
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
@@ -50,7 +50,7 @@ class Engine(ABC):
         """
         drives = shaped(drives, (len(start), len(self.structure.mechanism.loops.drives)), "'drives'")
         closed = self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count))
-        lock_fields(closed, *vars(closed))
+        lock_arrays(closed)
         return closed
 
     @abstractmethod

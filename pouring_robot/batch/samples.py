@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.parameters import LocalParameter
 
 STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular", "assembly mode ends")
@@ -178,7 +178,7 @@ class BatchClosure:
 
 
 @dataclass(frozen=True, eq=False)
-class BatchTransfer:
+class BatchTransfer(ReadOnly):
     """G of many samples, read-only."""
 
     parameters: tuple[LocalParameter, ...]  # one a column
@@ -188,9 +188,6 @@ class BatchTransfer:
     status: ByteArray  # as in :class:`BatchClosure`, (n,); 4 where a sample is closed, its platform not determined
     # derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives
     disagreement: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "matrix", "status")
 
 
 def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:

@@ -28,7 +28,7 @@ from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
 from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, grid, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
@@ -48,7 +48,7 @@ _HEADER = Path(__file__).with_name("controller.h.j2")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CompensatedPath(Result):
+class CompensatedPath(ReadOnly, Result):
     """What to command along a path, and what it leads to; arrays are read-only, NaN where there is no answer."""
 
     frame: str  # the frame whose position is brought to where it is wanted
@@ -59,9 +59,6 @@ class CompensatedPath(Result):
     roll_yaw_rad: FloatArray  # the rotations that cannot be commanded, about x and z, shape (n, 2)
     strain: FloatArray  # growth per length of legs 1 to 4, moving and fixed platform, shape (n, 6)
     status: NDArray[np.str_]  # ``closed``, or why there is no answer, shape (n,)
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "wanted", "drives", "before_m", "left", "roll_yaw_rad", "strain")
 
     @property
     def headline(self) -> str:
@@ -172,7 +169,7 @@ class PathSearch:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Controller(Result):
+class Controller(ReadOnly, Result):
     """Polynomials that give drives for wanted poses, and how far off they are."""
 
     frame: str  # whose position is brought to where it is wanted
@@ -187,9 +184,6 @@ class Controller(Result):
     tilt_error_rad: float  # and of the tilt
     # at how many poses, where they are largest, the errors were measured; they are rounded up to two digits
     checked: int
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "lower", "upper", "coefficients", "fixed_centres_m", "moving_centres_m", "drive_error")
 
     @property
     def headline(self) -> str:

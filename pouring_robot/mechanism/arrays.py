@@ -81,10 +81,15 @@ def locked(content: Mapping[Any, Any]) -> MappingProxyType[Any, Any]:
 copyreg.pickle(MappingProxyType, lambda proxy: (locked, (dict(proxy),)))
 
 
-def lock_fields(result: Any, *names: str) -> None:
-    """Put read-only views in place of the named arrays of a frozen dataclass; call it from ``__post_init__``.
+def lock_arrays(result: Any) -> None:
+    """Put read-only views in place of all arrays of a dataclass; what was given stays writable for its owner."""
+    for name, value in vars(result).items():
+        if isinstance(value, np.ndarray):
+            object.__setattr__(result, name, read_only(value.view()))
 
-    The arrays that were given stay writable for their owner.
-    """
-    for name in names:
-        object.__setattr__(result, name, read_only(getattr(result, name).view()))
+
+class ReadOnly:
+    """Base of dataclasses whose arrays are locked when they are made."""
+
+    def __post_init__(self) -> None:
+        lock_arrays(self)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import UnreachablePoseError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 MM = 1e-3
@@ -24,14 +24,11 @@ def shown_in(unit: str) -> tuple[str, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseDifference:
+class PoseDifference(ReadOnly):
     """Where the actual frame stands, seen from where it should be; both axes of the fixed platform."""
 
     translation_m: FloatArray  # actual minus nominal origin, shape (3,), in m
     rotation_rad: FloatArray  # rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "translation_m", "rotation_rad")
 
     @classmethod
     def between(cls, nominal: pin.SE3, actual: pin.SE3) -> Self:

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import eigenpy
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.closure.placements import PlacedTwists, Weight
@@ -38,7 +38,6 @@ from pouring_robot.mechanism.parameters import (
 from pouring_robot.report.result import Result
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 # Idle freedoms may move the observed frame by so little (m or rad per m or rad), and feel this share of a parameter:
@@ -47,7 +46,7 @@ _IDLE = 1e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferMatrix(Result):
+class TransferMatrix(ReadOnly, Result):
     """G with its labels."""
 
     frame: str  # the observed frame
@@ -56,9 +55,6 @@ class TransferMatrix(Result):
     # parameter
     matrix: FloatArray
     joints: FloatArray  # velocity of every joint column per unit of each parameter, shape (nv, n)
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "matrix", "joints")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,15 +79,11 @@ class TransferMatrix(Result):
         }
         return xr.DataArray(self.matrix, labels, ("component", "parameter"), "G", {"frame": self.frame})
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a parameter; columns in m and rad, per unit of the parameter."""
-        import pandas as pd
-
-        columns = ["x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"]
-        table = pd.DataFrame(self.matrix.T, columns=columns)
-        table.insert(0, "parameter", self.names)
-        table.insert(1, "per", [parameter.unit for parameter in self.parameters])
-        return table
+    def _table(self) -> Any:
+        """One row a parameter; columns in m and rad, per unit of the parameter."""
+        columns = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
+        labels = {"parameter": self.names, "per": [parameter.unit for parameter in self.parameters]}
+        return labels | dict(zip(columns, self.matrix, strict=True))
 
 
 def closed_chain_transfer(

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES
-from pouring_robot.mechanism.arrays import FloatArray, finite, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.loops import LoopsFile
@@ -22,7 +22,6 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 
@@ -72,10 +71,8 @@ class Location(Result):
             f"at {self.command}"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a frame: nominal and actual position in mm, error in mm and mrad."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """One row a frame: nominal and actual position in mm, error in mm and mrad."""
         rows = []
         for frame in self.loops.reported_frames:
             nominal, actual = self.poses(frame)
@@ -84,19 +81,16 @@ class Location(Result):
             parts |= {"error_{}_mm": shift, "error_r{}_mrad": turn}
             figures = {name.format(axis): part[k] for name, part in parts.items() for k, axis in enumerate("xyz")}
             rows.append({"frame": frame, **figures})
-        return pd.DataFrame(rows)
+        return rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LadleLocation(Location):
+class LadleLocation(ReadOnly, Location):
     """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only."""
 
     commanded: PlatformPose  # the pose the controller was asked for
     outside_workspace_m: FloatArray  # by how far the position leaves the workspace box, per axis, in m; zero inside
     outside_workspace_rad: float  # by how far the tilt leaves it, in rad
-
-    def __post_init__(self) -> None:
-        lock_fields(self, "outside_workspace_m")
 
     @property
     def in_workspace(self) -> bool:

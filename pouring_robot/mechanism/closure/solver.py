@@ -5,12 +5,10 @@ minimum of ``energy``, and what is left open at that minimum is part of the resu
 user that parts would be forced together.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import eigenpy
 import numpy as np
@@ -18,16 +16,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
 from pouring_robot.mechanism.poses import ROUND_OFF
 from pouring_robot.report.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
 # of interest start at a micrometre or a microradian.
@@ -78,7 +73,7 @@ def largest_norm(vectors: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosureResult(Result):
+class ClosureResult(ReadOnly, Result):
     """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity."""
 
     mechanism: ClosedChainMechanism
@@ -100,15 +95,13 @@ class ClosureResult(Result):
             f"left open {self.gap_m * 1e6:.3g} µm and {self.gap_rad * 1e3:.3g} mrad after {self.iterations} iterations"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a loop: what is left open in m and rad, and the wrench it carries in N and Nm."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """One row a loop: what is left open in m and rad, and the wrench it carries in N and Nm."""
         parts = (self.residual, {"{}_m": 0, "r{}_rad": 3}), (self.internal_wrench, {"f{}_N": 0, "t{}_Nm": 3})
         table: dict[str, Any] = {"loop": self.mechanism.loops.names}
         for array, columns in parts:
             table |= {f.format(a): array[:, first + k] for f, first in columns.items() for k, a in enumerate("xyz")}
-        return pd.DataFrame(table)
+        return table
 
     def within(self, options: ClosureOptions) -> Self:
         """Return the same; raises ClosureError where a loop is open further than options allow."""
@@ -233,16 +226,9 @@ class ClosureSolver:
         return self._result(self.energy.evaluate(configuration, configuration), configuration, 0)
 
     def _result(self, state: EnergyState, commanded: FloatArray, iterations: int) -> ClosureResult:
-        return ClosureResult(
-            self.mechanism,
-            read_only(state.configuration),
-            read_only(state.residual),
-            read_only((state.wrench[:, None, :] @ state.jlog)[:, 0]),
-            state.energy,
-            iterations,
-            read_only(state.jacobian),
-            read_only(commanded.copy()),  # the caller may go on with its own
-        )
+        pull, own = (state.wrench[:, None, :] @ state.jlog)[:, 0], commanded.copy()  # the caller may go on with its own
+        at, left_open = state.configuration, state.residual
+        return ClosureResult(self.mechanism, at, left_open, pull, state.energy, iterations, state.jacobian, own)
 
     def _grown(self, commanded: FloatArray) -> tuple[EnergyState, int]:
         """Return the minimum and the Newton steps to it; large errors grow in steps, from none."""
