@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import read_only
+from pouring_robot.mechanism.arrays import finite, read_only
 
 Vector = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -83,9 +83,8 @@ class SceneArrows:
     def __post_init__(self) -> None:
         _check_name(self.name)
         for field in ("starts_m", "vectors_m"):
-            points = getattr(self, field)
-            if points.ndim != 3 or points.shape[2] != 3 or not np.all(np.isfinite(points)):
-                raise BadInputError(f"arrows '{self.name}': {field} must be finite numbers of the shape (k, arrows, 3)")
+            demand = f"arrows '{self.name}': {field} must be finite numbers of the shape (k, arrows, 3)"
+            finite(getattr(self, field), (None, None, 3), demand)
 
 
 @dataclass(frozen=True)
@@ -133,9 +132,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         for field in ("eye_m", "target_m"):
-            point = np.array(getattr(self, field), dtype=np.float64)
-            if point.shape != (3,) or not np.all(np.isfinite(point)):
-                raise BadInputError(f"camera: {field} must be three finite numbers (m)")
+            point = finite(getattr(self, field), (3,), f"camera: {field} must be three finite numbers (m)")
             object.__setattr__(self, field, read_only(point))
         sideways = np.linalg.norm((self.target_m - self.eye_m)[:2])
         if sideways < 1e-9:
