@@ -188,6 +188,12 @@ class ClosedChainMechanism:
             self._workspace.data = self.shared_model.createData()
         return self._workspace.data
 
+    def frames_at(self, configuration: FloatArray) -> pin.Data:
+        """Return this thread's workspace with joints and frames where they stand at a configuration, shape (nq,)."""
+        data = self.thread_data()
+        pin.framesForwardKinematics(self.shared_model, data, configuration)
+        return data
+
     def copy_model(self) -> pin.Model:
         """Return a copy of the Pinocchio model, free to change."""
         return self.shared_model.copy()
@@ -292,9 +298,8 @@ class ClosedChainMechanism:
 
     def pose_base_to_end(self, configuration: FloatArray) -> pin.SE3:
         """Return the pose of the end frame in the base frame at a configuration, shape (nq,)."""
-        data = self.thread_data()
-        pin.framesForwardKinematics(self.shared_model, data, configuration)
-        base, end = (data.oMf[self.frame_id(str(n))] for n in (self.loops.base_frame, self.loops.end_frame))
+        frames = self.frames_at(configuration).oMf
+        base, end = (frames[self.frame_id(str(n))] for n in (self.loops.base_frame, self.loops.end_frame))
         return base.actInv(end)
 
     def neutral_configuration(self) -> FloatArray:

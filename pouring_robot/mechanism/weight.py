@@ -14,11 +14,8 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 def up_in_base(mechanism: ClosedChainMechanism) -> FloatArray:
     """Return the direction against gravity in the base, (3,)."""
-    model = mechanism.shared_model
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
-    axes = data.oMf[mechanism.frame_id(mechanism.loops.base_frame)].rotation
-    gravity = np.array(model.gravity.linear)
+    frames, gravity = mechanism.frames_at(mechanism.neutral_configuration()).oMf, mechanism.shared_model.gravity.linear
+    axes = frames[mechanism.frame_id(mechanism.loops.base_frame)].rotation
     return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
 
 

@@ -332,9 +332,8 @@ class Robot:
     def _length_m(self, location: Location) -> float:
         """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths."""
         mechanism = location.nominal.mechanism
-        model, data = mechanism.shared_model, mechanism.thread_data()
-        pin.forwardKinematics(model, data, location.nominal.configuration)
         end = location.nominal.pose("universe", str(mechanism.loops.end_frame)).translation
+        data = mechanism.frames_at(location.nominal.configuration)
         joints = [data.oMi[mechanism.joint_id(name)].translation for name in mechanism.loops.drives]
         return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
 

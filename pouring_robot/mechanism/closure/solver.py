@@ -171,10 +171,8 @@ class ClosureResult(ReadOnly, Result):
 
     @functools.cached_property
     def _placements(self) -> list[pin.SE3]:
-        data = self.mechanism.thread_data()
-        pin.framesForwardKinematics(self.mechanism.shared_model, data, self.configuration)
         # Copies: a frame of the workspace itself would keep the whole workspace alive, a megabyte a result.
-        return [pose.copy() for pose in data.oMf]
+        return [pose.copy() for pose in self.mechanism.frames_at(self.configuration).oMf]
 
     @property
     def pose_base_to_end(self) -> pin.SE3:

@@ -156,10 +156,9 @@ def loops_beside(urdf: Path) -> Path | None:
 
 def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tuple[str, str, str]]:
     """Return links that end branches and stand together in the zero pose: two names, and 6d where their axes do too."""
-    model, data = mechanism.shared_model, mechanism.thread_data()
-    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    frames = mechanism.frames_at(mechanism.neutral_configuration()).oMf
     apart = {
-        (a, b): pin.log6(data.oMf[mechanism.frame_id(a)].actInv(data.oMf[mechanism.frame_id(b)]))
+        (a, b): pin.log6(frames[mechanism.frame_id(a)].actInv(frames[mechanism.frame_id(b)]))
         for a, b in itertools.combinations(ends, 2)
     }
     return [

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import BatchCommand, BatchStart
@@ -54,14 +53,12 @@ class FourUPUKinematics:
     def __init__(self, nominal: ClosedChainMechanism) -> None:
         self.mechanism = nominal
         self._limits = nominal.joint_limits()
-        data = nominal.thread_data()
-        pin.framesForwardKinematics(nominal.shared_model, data, nominal.neutral_configuration())
+        loops, frames = nominal.loops, nominal.frames_at(nominal.neutral_configuration()).oMf
 
-        def place(base: str, frame: str) -> FloatArray:
-            base_id, frame_id = (nominal.frame_id(name) for name in (base, frame))
-            return np.array(data.oMf[base_id].actInv(data.oMf[frame_id]).translation)
+        def place(*names: str) -> FloatArray:
+            base, frame = (frames[nominal.frame_id(name)] for name in names)
+            return np.array(base.actInv(frame).translation)
 
-        loops = nominal.loops
         self.fixed_centres_m = np.array([place(loops.base_frame, joints[0]) for joints in CHAIN_JOINTS])
         self.moving_centres_m = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
 

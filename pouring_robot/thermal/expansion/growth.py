@@ -80,11 +80,8 @@ class ThermalExpansion:
 
         ``passive_lengths_m``: length of each leg that is not driven, by its prismatic joint.
         """
-        mechanism = kinematics.mechanism
-        model = mechanism.shared_model
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
-        errors = {}
+        mechanism, errors = kinematics.mechanism, {}
+        data = mechanism.frames_at(mechanism.neutral_configuration())
         for k, i in enumerate(CHAINS):
             for joint, base, growth in (
                 (f"leg{i}_s1", "fixed_platform", self.fixed_platform_strain * kinematics.fixed_centres_m[k]),
