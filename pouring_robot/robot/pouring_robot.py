@@ -64,11 +64,7 @@ class PouringRobot(Robot):
         That is by default the nominal pose for these drives.
         """
         self.kinematics.check_drives(drives)
-        start = near or self.kinematics.forward(drives)
-        return self._closed_as_built(drives, self.kinematics.configuration(start))
-
-    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
-        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
+        start = self.kinematics.configuration(near or self.kinematics.forward(drives))
         result = self.actual_solver.solve(self.actual_drives(drives), start)
         # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
         self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
@@ -97,13 +93,12 @@ class PouringRobot(Robot):
         if not isinstance(pose, PlatformPose):
             return self._located_many(as_poses(pose))
         drives = self.kinematics.inverse(pose)
-        start = self.kinematics.configuration(pose)
         outside_m, outside_rad = self.outside_workspace(pose)
         return LadleLocation(
             commanded=pose,
             drives=drives,
-            nominal=self.nominal_solver.solve(drives, start),
-            actual=self._closed_as_built(drives, start),
+            nominal=self.nominal_solver.solve(drives, self.kinematics.configuration(pose)),
+            actual=self.forward(drives, near=pose),
             reach=joint_reach(self.kinematics.mechanism, self.kinematics.joint_values(pose)),
             outside_workspace_m=outside_m,
             outside_workspace_rad=outside_rad,
@@ -182,16 +177,14 @@ class PouringRobot(Robot):
         """Return the robot as built at a pose, a target or drive values; as the ``actual`` of its location."""
         if not isinstance(command, PlatformPose):
             return super().actual_of(command)
-        return self._closed_as_built(self.kinematics.inverse(command), self.kinematics.configuration(command))
+        return self.forward(self.kinematics.inverse(command), near=command)
 
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
-        layout, position = self.layout, np.array(pose.position_m)
-        below, above = layout.position_lower_m - position, position - layout.position_upper_m
-        shift = np.maximum(below, 0.0) + np.maximum(above, 0.0)
-        turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
-        # A box limit typed in mm or degrees must not count as outside by round-off.
-        return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
+        (lower, upper), values = self.layout.box, np.array([*pose.position_m, pose.tilt_rad])
+        outside = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
+        outside[outside < 1e-9] = 0.0  # a box limit typed in mm or degrees must not count as outside by round-off
+        return outside[:3], float(outside[3])
 
     _task_rows = TASK_ROWS
 

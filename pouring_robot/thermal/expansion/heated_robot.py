@@ -87,13 +87,8 @@ class WarmRobot(PouringRobot):
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
     def solve(self) -> ClosureResult:
-        """Close the robot at the drive values that a controller commands for its pose.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits.
-            ClosureError: the loops do not close.
-        """
-        return self.forward(self.kinematics.inverse(self.pose), near=self.pose)
+        """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
+        return self.actual_of(self.pose)
 
 
 def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
