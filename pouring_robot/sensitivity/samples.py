@@ -40,30 +40,9 @@ class ErrorSamples(Generic[P]):
         chosen = tuple(self.parameters[k] for k in places)
         return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
 
-    def of_chain(self, chain: int) -> ErrorSamples[P]:
-        """Return the samples of one chain's errors."""
-        return self.subset([parameter for parameter in self.parameters if parameter.chain == chain])
-
-    def of_unit(self, unit: str) -> ErrorSamples[P]:
-        """Return the samples of the lengths (``m``) or the angles (``rad``)."""
-        return self.subset([parameter for parameter in self.parameters if parameter.unit == unit])
-
-    def reaching(self, limit_m: float) -> ErrorSamples[P]:
-        """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
-        tops = self.peak_m.max(axis=1)
-        return self.subset([p for p, top in zip(self.parameters, tops, strict=True) if top > limit_m])
-
     def moves(self, label: str) -> FloatArray:
         """Return the translations of the one error with this :func:`short_label`, shape (n, 3), in m."""
         return np.asarray(self.translation_m[self.labels.index(label)])
-
-    def along(self, label: str) -> FloatArray:
-        """Return the translations of one error along its main direction, shape (n,), in m."""
-        return np.asarray(self.moves(label)[:, max(AXES.find(self.main_axis(label)), 0)])
-
-    def spread_m(self, label: str) -> float:
-        """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
-        return float(np.sqrt(self.moves(label).var(axis=0).sum()))
 
     def main_axis(self, label: str | int) -> str:
         """Return the axis that one error, by label or place, changes most on average; ``none`` if it moves nothing."""
@@ -84,11 +63,6 @@ class ErrorSamples(Generic[P]):
     def mean_m(self) -> FloatArray:
         """Mean absolute coordinate over the poses, shape (P, 3), in m."""
         return np.asarray(np.abs(self.translation_m).mean(axis=1))
-
-    @functools.cached_property
-    def rms_m(self) -> FloatArray:
-        """Root mean square coordinate over the poses, shape (P, 3), in m."""
-        return np.asarray(np.sqrt(np.square(self.translation_m).mean(axis=1)))
 
     @functools.cached_property
     def distance_m(self) -> FloatArray:
@@ -154,11 +128,8 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
     return figure
 
 
-def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, mark_m: float | None = None) -> Any:
-    """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis, as the paper's Fig. 5.
-
-    ``mark_m``: a place that is marked in X, both signs.
-    """
+def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str) -> Any:
+    """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis: the paper's Fig. 5."""
     from matplotlib.ticker import MaxNLocator
 
     figure = new_figure(10.0, 5.2)
@@ -178,12 +149,6 @@ def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, ma
             heights = 0.85 * density / density.max()
             panel.stairs(base + heights, bins, baseline=base, fill=True, color=STEEL, alpha=0.35)
             panel.stairs(base + heights, bins, baseline=base, color=STEEL, linewidth=0.9)
-        if axis == "X" and mark_m is not None:
-            for place in (-mark_m / MM, mark_m / MM):
-                if low < place < high:
-                    panel.axvline(place, color=BRICK, linewidth=0.9, linestyle="--")
-                    label = f" {'−' if place < 0.0 else '+'}{abs(place):.4f}"
-                    panel.text(place, len(labels) + 0.05, label, color=BRICK, ha="left", fontsize=8)
         panel.set_title(f"Δ{axis}", fontsize=11)
         panel.set_xlabel("mm")
         panel.set_xlim(low, high)

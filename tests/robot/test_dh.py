@@ -222,17 +222,6 @@ def test_twists_are_the_derivative(table):
         assert (p.local.name, p.local.unit, p.local.joint, p.local.twist) == (p.name, p.unit, p.joint, p.twist)
 
 
-def test_twist_matrix_places_the_columns(table):
-    matrix = table.twist_matrix()
-    assert matrix.shape == (144, 100)
-    some = table.selection(["alpha_e2_56", "a_e1_01"])
-    matrix = table.twist_matrix(some).reshape(24, 6, 2)
-    for k, p in enumerate(some):
-        place = table.joints.index(p.joint)
-        assert matrix[place, :, k] == pytest.approx(p.twist)
-        assert not np.delete(matrix[:, :, k], place, axis=0).any()
-
-
 def test_known_twists(table, layout):
     # On the nominal axes: alpha_12 turns the upper U joint about the vertical, theta_1 about y, alpha_01 about X of O.
     fixed_y = CENTRES[layout][0][1] * 1e-3

@@ -240,17 +240,6 @@ class DHTable:
                     result[parameter.name] = float(value)
         return result
 
-    def twist_matrix(self, parameters: Sequence[DHParameter] | None = None) -> FloatArray:
-        """Return the linear map (6 · joints, parameters) from small DH errors to displacements of :attr:`joints`.
-
-        In m or rad per m or rad; rows are tx ty tz rx ry rz of each joint, columns by default :meth:`selection`.
-        """
-        columns = self.selection() if parameters is None else parameters
-        matrix = np.zeros((len(self._sites), 6, len(columns)))
-        for k, parameter in enumerate(columns):
-            matrix[self.joints.index(parameter.joint), :, k] = parameter.twist
-        return matrix.reshape(-1, len(columns))
-
     def _error_arrays(self, errors: Mapping[str, float] | None) -> dict[int, FloatArray]:
         """Return the errors of each chain as an array (8, 4)."""
         arrays = {number: np.zeros((8, 4)) for number in self._chains}

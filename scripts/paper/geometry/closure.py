@@ -92,13 +92,13 @@ class ClosedChainStudy:
 
     def first_order(self, parameters: Sequence[DHParameter], sizes: FloatArray) -> FloatArray:
         """Return the translations that G gives at the first (up to 1000) poses, shape (P, poses, 3), in m."""
-        twists = self._table.twist_matrix(parameters=parameters)
+        twists = self._twists(parameters)
         return np.asarray(np.moveaxis(self._transfer[:, :3] @ (twists * sizes), -1, 0))
 
     @functools.cached_property
     def ranks(self) -> Ranks:
         """Ranks of G over the checked poses; see :class:`Ranks`."""
-        table = self._transfer @ self._table.twist_matrix(parameters=self._table.parameters)
+        table = self._transfer @ self._twists(self._table.parameters)
         kept = np.array([not parameter.drops_out for parameter in self._table.parameters])
         return Ranks(_rank(np.concatenate([table, self._transfer], axis=2)), _rank(table), _rank(table[:, :, kept]))
 
@@ -108,6 +108,13 @@ class ClosedChainStudy:
         passive = [p for p in self._table.parameters if p.role == "joint variable"]
         sizes = np.full(len(passive), _PASSIVE_ERROR)
         return float(np.linalg.norm(self.exact(passive, sizes, poses=_CHECKED_POSES)[0], axis=-1).max())
+
+    def _twists(self, parameters: Sequence[DHParameter]) -> FloatArray:
+        """Return the linear map (6 · joints, parameters) from small DH errors to displaced joints of the table."""
+        matrix = np.zeros((len(self._table.joints), 6, len(parameters)))
+        for k, parameter in enumerate(parameters):
+            matrix[self._table.joints.index(parameter.joint), :, k] = parameter.twist
+        return matrix.reshape(-1, len(parameters))
 
     def _site_errors(self, parameter: DHParameter, size: float, count: int) -> SiteErrors:
         """Return the displaced joint placement that equals one DH error, exactly, for all samples."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pouring_robot.mechanism.poses import MM
@@ -42,3 +44,14 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
     )
     figure.suptitle(title, fontsize=11)
     return png_of(figure)
+
+
+def mark(figure: Any, place_m: float) -> None:
+    """Mark a place in X, both signs, in a figure of distributions."""
+    panel = figure.axes[0]
+    (low, high), top = panel.get_xlim(), panel.get_ylim()[1]
+    for place in (-place_m / MM, place_m / MM):
+        if low < place < high:
+            panel.axvline(place, color=BRICK, linewidth=0.9, linestyle="--")
+            label = f" {'−' if place < 0.0 else '+'}{abs(place):.4f}"
+            panel.text(place, top - 0.25, label, color=BRICK, ha="left", fontsize=8)

@@ -17,7 +17,7 @@ from pouring_robot.sensitivity.samples import box_plots, distributions
 from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.geometry.comparison import AxisRow, Lesson, axis_rows, lesson, parameter_rows
 from scripts.paper.geometry.parameter_claims import PARAMETER_CLAIMS
-from scripts.paper.geometry.plots import open_against_closed
+from scripts.paper.geometry.plots import mark, open_against_closed
 from scripts.paper.geometry.shape_claims import SHAPE_CLAIMS
 from scripts.paper.geometry.size_claims import SIZE_CLAIMS
 from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, PILE_M, GeometryStudy
@@ -105,16 +105,16 @@ class GeometryReport(PaperReport):
             "paper_fig4_open.png": box_plots(
                 opened.reaching(MM), f"Fig. 4, open branch: errors that pass 1 mm ({which})"
             ),
-            "paper_fig5_open.png": distributions(
-                opened, labels, f"Fig. 5, open branch: how they spread ({which})", PILE_M
-            ),
+            "paper_fig5_open.png": distributions(opened, labels, f"Fig. 5, open branch: how they spread ({which})"),
             "paper_fig4_closed.png": box_plots(
                 closed.reaching(MM), f"Fig. 4 for the closed chain: errors that pass 1 mm ({which})"
             ),
             "paper_fig5_closed.png": distributions(
-                closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})", PILE_M
+                closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})"
             ),
         }
+        for name in ("paper_fig5_open.png", "paper_fig5_closed.png"):
+            mark(drawn[name], PILE_M)
         return {
             **{name: png_of(figure) for name, figure in drawn.items()},
             "paper_open_closed.png": open_against_closed(

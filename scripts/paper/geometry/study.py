@@ -11,7 +11,8 @@ first order. What the paper says of it is judged in the modules
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +45,39 @@ NAMED_SENSITIVE = ("α01", "α12", "α23", "α34", "α56", "θ1")
 """The six parameters that section 4.4 names beside Fig. 5; the seventh has a misprinted name."""
 
 
-ErrorSamples = samples.ErrorSamples[DHParameter]
+class ErrorSamples(samples.ErrorSamples[DHParameter]):
+    """How each error of the DH table alone moves the platform, and what the paper asks of that."""
+
+    def subset(self, wanted: Collection[DHParameter]) -> ErrorSamples:
+        """Return the samples of some of the parameters, in the order they have here."""
+        part = super().subset(wanted)
+        return ErrorSamples(part.kind, part.parameters, part.translation_m, part.rotation_rad)
+
+    def of_chain(self, chain: int) -> ErrorSamples:
+        """Return the samples of one chain's errors."""
+        return self.subset([parameter for parameter in self.parameters if parameter.chain == chain])
+
+    def of_unit(self, unit: str) -> ErrorSamples:
+        """Return the samples of the lengths (``m``) or the angles (``rad``)."""
+        return self.subset([parameter for parameter in self.parameters if parameter.unit == unit])
+
+    def reaching(self, limit_m: float) -> ErrorSamples:
+        """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
+        tops = self.peak_m.max(axis=1)
+        return self.subset([p for p, top in zip(self.parameters, tops, strict=True) if top > limit_m])
+
+    def along(self, label: str) -> FloatArray:
+        """Return the translations of one error along its main direction, shape (n,), in m."""
+        return np.asarray(self.moves(label)[:, max(samples.AXES.find(self.main_axis(label)), 0)])
+
+    def spread_m(self, label: str) -> float:
+        """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
+        return float(np.sqrt(self.moves(label).var(axis=0).sum()))
+
+    @functools.cached_property
+    def rms_m(self) -> FloatArray:
+        """Root mean square coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.sqrt(np.square(self.translation_m).mean(axis=1)))
 
 
 def error_size(parameter: DHParameter) -> float:
