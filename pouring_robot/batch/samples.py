@@ -86,13 +86,6 @@ class SiteErrors:
             raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
         return cls(fixed(error[:, None, :]), site)
 
-    @classmethod
-    def one_parameter_each(cls, parameter: IntArray, value: FloatArray) -> SiteErrors:
-        """Set one placement parameter a sample: its column (n,), its value (n,) in m or rad; as :meth:`one_each`."""
-        parameter = np.asarray(parameter, dtype=np.int64)
-        shaped(value, parameter.shape, "the values")
-        return cls.one_each(parameter // 6, np.asarray(value)[:, None] * np.eye(6)[parameter % 6])
-
     def __getitem__(self, samples: IntArray) -> SiteErrors:
         if self.site.size:
             return SiteErrors(self.errors[samples], self.site[samples])

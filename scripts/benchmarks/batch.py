@@ -128,8 +128,9 @@ def closure_rows(robot: PouringRobot, unit_s: float, count: int, seed: int) -> l
         scale = np.tile(np.repeat([length_m, angle_rad], 3), sites)
         return np.asarray(random.uniform(-1.0, 1.0, (count, 6 * sites)) * scale)
 
-    values = np.where(np.arange(count) % 6 < 3, 2e-4, 4e-3)
-    one = SiteErrors.one_parameter_each(np.arange(count) % (6 * sites), values)
+    site, component = np.divmod(np.arange(count) % (6 * sites), 6)
+    values = np.where(component < 3, 2e-4, 4e-3)
+    one = SiteErrors.one_each(site, values[:, None] * np.eye(6)[component])
     every, units = all_errors(2e-4, 1e-3), np.eye(6 * sites)
     cases: list[tuple[str, BatchStart, SiteErrors | FloatArray | None, Callable[[int], FloatArray]]] = [
         ("none, from 20 mm and 50 mrad off", away, None, lambda k: np.zeros(6 * sites)),

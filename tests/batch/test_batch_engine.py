@@ -184,8 +184,9 @@ def test_the_result_does_not_depend_on_threads_or_chunks(paper):
 def test_one_displaced_parameter_a_sample_equals_a_full_row(paper):
     engine, kinematics = paper
     command = command_of(kinematics, PARAMETERS, seed=13)
-    values = np.where(np.arange(PARAMETERS) % 6 < 3, 2e-4, 4e-3)
-    sparse = SiteErrors.one_parameter_each(np.arange(PARAMETERS), values)
+    site, component = np.divmod(np.arange(PARAMETERS), 6)
+    values = np.where(component < 3, 2e-4, 4e-3)
+    sparse = SiteErrors.one_each(site, values[:, None] * np.eye(6)[component])
     one = engine.close(command.drives, command.start, sparse).require_all()
     full = engine.close(command.drives, command.start, np.diag(values)).require_all()
     np.testing.assert_array_equal(one.position, full.position)
