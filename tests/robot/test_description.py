@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
 from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.robot.description import urdf
-from pouring_robot.robot.description.urdf import description_folder, perturb_urdf, write_urdf
+from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, perturb_urdf, write_urdf
 from pouring_robot.robot.pouring import layout as layouts
 from pouring_robot.robot.pouring.layout import layout_names, load_layout, render_urdf
 from tests.support import displacement, round_off
@@ -362,11 +362,11 @@ def test_a_folder_that_cannot_be_filled_is_left_as_it_was(tmp_path: Path) -> Non
     assert sorted(left) == ["here", "here/pouring_robot.urdf"]
 
 
-def test_mesh_folder_is_written_into_the_urdf(tmp_path: Path) -> None:
-    mesh = etree.fromstring(render_urdf(mesh_folder=tmp_path).encode()).find(".//mesh")
-    assert mesh.get("filename") == f"{tmp_path.as_posix()}/ladle.stl"
+def test_a_mesh_that_is_missing_is_named(tmp_path: Path) -> None:
+    mesh = etree.fromstring(render_urdf().encode()).find(".//mesh")
+    assert mesh.get("filename") == f"{MESH_PACKAGE}/ladle.stl"
     with pytest.raises(DescriptionError, match=r"ladle\.stl: this mesh is missing"):
-        write_urdf(render_urdf(mesh_folder=tmp_path), tmp_path / "robot")
+        write_urdf(render_urdf().replace(MESH_PACKAGE, tmp_path.as_posix()), tmp_path / "robot")
 
 
 def test_mesh_agrees_with_the_dimensions() -> None:

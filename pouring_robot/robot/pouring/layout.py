@@ -25,7 +25,7 @@ from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import grid, read_only
-from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
 from pouring_robot.robot.pouring.names import CHAINS
@@ -176,11 +176,7 @@ def stale_mesh_note(layout: Layout) -> str | None:
 
 
 def render_urdf(
-    layout: str = "paper",
-    *,
-    chain_order: Sequence[int] = (1, 2, 3, 4),
-    layouts_file: Path | None = None,
-    mesh_folder: Path | None = None,
+    layout: str = "paper", *, chain_order: Sequence[int] = (1, 2, 3, 4), layouts_file: Path | None = None
 ) -> str:
     """Return the robot's URDF; safe to call from several threads.
 
@@ -191,7 +187,6 @@ def render_urdf(
         layout: name of a layout in the dimensions file.
         chain_order: the four chains; the first carries the platform in the tree, the others close on it.
         layouts_file: dimensions file (default: the shipped one).
-        mesh_folder: folder written into the mesh addresses (default: ``package://pouring_robot_description/meshes``).
 
     Raises:
         DescriptionError: a file is wrong; names it and, where known, line and key.
@@ -204,11 +199,7 @@ def render_urdf(
     dimensions = read_text(path)
     check_layout(layout, path, dimensions)
     folder = description_folder() / "urdf"
-    arguments = {
-        "layout": layout,
-        "chains": " ".join(str(chain) for chain in chain_order),
-        "mesh_prefix": MESH_PACKAGE if mesh_folder is None else mesh_folder.absolute().as_posix(),
-    }
+    arguments = {"layout": layout, "chains": " ".join(str(chain) for chain in chain_order)}
     parts = [f"{key}={value}" for key, value in arguments.items()]
     parts += [importlib.metadata.version("xacro"), *(read_text(file) for file in sorted(folder.glob("*.xacro")))]
     arguments["layouts_file"] = str(path)  # its text counts, not its place
