@@ -169,18 +169,9 @@ class DHTable:
             raise UnknownParameterError(name, self._parameters)
         return self._parameters[name]
 
-    def selection(
-        self, names: Iterable[str] | None = None, *, chain: int | None = None, drop_outs: bool = False
-    ) -> tuple[DHParameter, ...]:
-        """Return the parameters of these names in the order given, or else all that matter, in table order.
-
-        Whatever is named is returned, drop-outs too; ``chain`` leaves out those of others.
-        """
-        if names is not None:
-            chosen = [self[name] for name in names]
-        else:
-            chosen = [p for p in self.parameters if drop_outs or not p.drops_out]
-        return tuple(p for p in chosen if chain in (None, p.chain))
+    def selection(self, *, chain: int | None = None) -> tuple[DHParameter, ...]:
+        """Return the parameters that matter, those of one chain or of all, in order."""
+        return tuple(p for p in self.parameters if not p.drops_out and chain in (None, p.chain))
 
     def chain_poses(
         self, chain: int, joint_values: Sequence[float] | FloatArray, errors: Mapping[str, float] | None = None
