@@ -11,14 +11,13 @@ Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouri
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, UnknownJointError, closest
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, locked
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import PlacementParameter, Twist
 from pouring_robot.robot.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain, dh_chain
@@ -135,12 +134,19 @@ class DHTable:
     """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
 
     Names that are none raise UnknownParameterError; errors, joint values and chains that are none BadInputError.
+
+    Attributes:
+        parameters: All of them: 128 for four chains.
+        joints: All joints whose placements they displace, chain by chain: S1 to S5 and the seat.
+        chains: The numeric description of each chain by its number.
     """
 
     def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
-        self._chains = {chain.number: chain for chain in chains}
-        self._parameters = {p.name: p for chain in chains for p in chain_parameters(chain, drives)}
+        self.chains: Mapping[int, DHChain] = locked({chain.number: chain for chain in chains})
+        self.parameters = tuple(p for chain in chains for p in chain_parameters(chain, drives))
+        self._by_name = {p.name: p for p in self.parameters}
         self._sites = {joint: (chain, k) for chain in chains for k, joint in enumerate(chain.joints)}
+        self.joints = tuple(self._sites)
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> Self:
@@ -148,26 +154,11 @@ class DHTable:
         chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
         return cls(chains, mechanism.loops.drives)
 
-    @property
-    def parameters(self) -> tuple[DHParameter, ...]:
-        """All parameters, in order: 128 for four chains."""
-        return tuple(self._parameters.values())
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """All joints whose placements the parameters displace, chain by chain: S1 to S5 and the seat."""
-        return tuple(self._sites)
-
-    @property
-    def chains(self) -> Mapping[int, DHChain]:
-        """The numeric description of each chain by its number."""
-        return MappingProxyType(self._chains)
-
     def __getitem__(self, name: str) -> DHParameter:
         """Return a parameter by name; raises UnknownParameterError where there is no such parameter."""
-        if name not in self._parameters:
-            raise UnknownParameterError(name, self._parameters)
-        return self._parameters[name]
+        if name not in self._by_name:
+            raise UnknownParameterError(name, self._by_name)
+        return self._by_name[name]
 
     def selection(self, *, chain: int | None = None) -> tuple[DHParameter, ...]:
         """Return the parameters that matter, those of one chain or of all, in order."""
@@ -186,9 +177,9 @@ class DHTable:
             raise BadInputError(
                 f"chain {chain} has five joints: give finite values of shape (..., 5), not {values.shape}"
             )
-        if chain not in self._chains:
-            raise BadInputError(f"there is no chain {chain}; the robot has {', '.join(map(str, self._chains))}")
-        return self._chains[chain].poses(values, self._error_arrays(errors)[chain])
+        if chain not in self.chains:
+            raise BadInputError(f"there is no chain {chain}; the robot has {', '.join(map(str, self.chains))}")
+        return self.chains[chain].poses(values, self._error_arrays(errors)[chain])
 
     def placement_errors(self, errors: Mapping[str, float]) -> dict[str, pin.SE3]:
         """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
@@ -197,7 +188,7 @@ class DHTable:
         """
         arrays = self._error_arrays(errors)
         touched = {self[name].joint for name, value in errors.items() if value != 0.0}
-        moved = {number: chain.displacements(arrays[number]) for number, chain in self._chains.items()}
+        moved = {number: chain.displacements(arrays[number]) for number, chain in self.chains.items()}
         return {joint: pin.SE3(moved[chain.number][k]) for joint, (chain, k) in self._sites.items() if joint in touched}
 
     def errors_from_placements(self, placements: Mapping[str, pin.SE3], *, drop_outs: bool = True) -> dict[str, float]:
@@ -220,7 +211,7 @@ class DHTable:
                 raise UnknownJointError(joint, self._sites)
         result, none = {}, pin.SE3.Identity()
         for number in sorted({self._sites[joint][0].number for joint in placements}):
-            chain = self._chains[number]
+            chain = self.chains[number]
             moved = np.stack([placements.get(joint, none).homogeneous for joint in chain.joints])
             parameters = [p for p in self.parameters if p.chain == number]
             roles = np.array([p.role for p in parameters]).reshape(8, 4)
@@ -233,7 +224,7 @@ class DHTable:
 
     def _error_arrays(self, errors: Mapping[str, float] | None) -> dict[int, FloatArray]:
         """Return the errors of each chain as an array (8, 4)."""
-        arrays = {number: np.zeros((8, 4)) for number in self._chains}
+        arrays = {number: np.zeros((8, 4)) for number in self.chains}
         for name, value in (errors or {}).items():
             parameter = self[name]
             if not math.isfinite(value):
