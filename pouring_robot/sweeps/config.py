@@ -108,7 +108,7 @@ class Grid(StrictModel):
 class RandomBox(StrictModel):
     """So many poses drawn evenly from a box."""
 
-    count: int = pydantic.Field(ge=1)
+    count: int = pydantic.Field(ge=1, le=1_000_000)
     seed: NonNegativeInt = 0
     box: Box = Box()
 

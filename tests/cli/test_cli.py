@@ -395,6 +395,13 @@ def test_an_export_that_fails_leaves_the_folder_as_it_was(run, tmp_path):
     refused(run, tmp_path, 2, ("loops.yaml", "it is a folder"), "export", "--out", "robot")
 
 
+def test_what_a_command_reads_it_does_not_write(run, tmp_path):
+    (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n0,0,-600,0\n")
+    told = ("poses.csv", "read by this very command")
+    refused(run, tmp_path, 2, told, "path", "poses.csv", "--out", "./poses.csv", "--overwrite")
+    assert (tmp_path / "poses.csv").read_text() == "x_mm,y_mm,z_mm,tilt_deg\n0,0,-600,0\n"
+
+
 def test_an_older_output_survives_a_failure(run, tmp_path):
     (tmp_path / "view.png").write_bytes(b"older")
     refused(run, tmp_path, 3, "out of reach", "pose", "--at-mm", "0", "0", "-2000", "--png", "view.png", "--overwrite")

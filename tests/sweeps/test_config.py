@@ -58,6 +58,10 @@ BAD = {
     "unknown frame": ({"frames": ["ladle_lipp"]}, "did you mean 'ladle_lip'"),
     "frame elsewhere": ({"frames": ["leg1_foot"]}, "no frame 'leg1_foot'"),
     "two kinds of poses": ({"poses": {"grid": {}, "random": {"count": 1}}}, "exactly one of grid, random and file"),
+    "more poses than any memory holds": (
+        {"poses": {"random": {"count": 2_000_000_000}}},
+        "less than or equal to 1000000",
+    ),
     "missing pose file": ({"poses": {"file": "nowhere.csv"}}, "nowhere.csv"),
     "upside-down box": ({"poses": {"grid": {"box": {"x_mm": [1, 0]}}}}, "x_mm': a range runs upwards, not from 1 to 0"),
     "no samples": ({"samples": None}, "needs samples"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 import typer
 
 from pouring_robot.cli.shared import options, progress
-from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, OutputError, PathPoseError
 
 if TYPE_CHECKING:
     from pouring_robot.effects.under import RobotUnderConditions
@@ -336,7 +336,8 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
         flat |= {n: p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=annotations[n]) for n, p in own.items()}
         bundles[name] = (hints[name], list(own))
     added = {"quiet": options.Quiet, "overwrite": options.Overwrite}
-    if not any(options.is_output(parameter.annotation) for parameter in flat.values()):
+    outputs = {name for name, parameter in flat.items() if options.is_output(parameter.annotation)}
+    if not outputs:
         del added["overwrite"]
     for name, annotation in added.items():
         flat[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
@@ -345,9 +346,18 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
     def spread(**given: Any) -> None:
         for name in added:
             del given[name]
+        _refuse_inputs(given, outputs)
         whole = {name: kind(**{field: given.pop(field) for field in own}) for name, (kind, own) in bundles.items()}
         command(**given, **whole)
 
     spread.__signature__ = inspect.Signature(list(flat.values()))  # type: ignore[attr-defined]  # as typer reads it
     spread.__annotations__ = {name: parameter.annotation for name, parameter in flat.items()}
     return spread
+
+
+def _refuse_inputs(given: Mapping[str, Any], outputs: Collection[str]) -> None:
+    """Refuse to write to a file that is read: ``--overwrite`` is of what was written before."""
+    read = {value.resolve() for name, value in given.items() if isinstance(value, Path) and name not in outputs}
+    for name in outputs:
+        if isinstance(given[name], Path) and given[name].resolve() in read and given[name].is_file():
+            raise OutputError(given[name], "it is read by this very command; choose another name for what is written")
