@@ -1,11 +1,10 @@
 """What limits the answer of a diagnosis, in sentences."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from pouring_robot.checks.flags import FlagCode
+from pouring_robot.checks.flags import FlagCode, where
 from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.conditions import rows_beyond
@@ -13,9 +12,9 @@ from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
-from pouring_robot.mechanism.arrays import FloatArray
 
 _FEW_ROWS = 30
+_MOST_LINES = 8
 
 
 def note_lines(diagnosis: Conclusions) -> list[str]:
@@ -40,13 +39,13 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         )
     lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
     if diagnosis.outliers.size:
-        lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
+        lines.append(f"left out as gross errors: {where(diagnosis.campaign, diagnosis.outliers, _MOST_LINES)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
     if unusable.size:
-        lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
+        lines.append(f"without a command or a measurement: {where(diagnosis.campaign, unusable, _MOST_LINES)}")
     for heading, rows in rows_beyond(diagnosis.campaign).items():
         said = f"left out, as {heading} is not known yet, or not any more (without that column they count)"
-        lines.append(f"{said}: {_file_lines(diagnosis, rows)}")
+        lines.append(f"{said}: {where(diagnosis.campaign, rows, _MOST_LINES)}")
     effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
     by_session = [effect for effect in named if effects[effect].driver == "session"]
     if by_session and not np.isin(given.session[~diagnosis.fitted], given.session[diagnosis.fitted]).all():
@@ -132,9 +131,3 @@ def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
         if alike:
             *rest, last = (item.form.removesuffix("_alone") for item in (*alike, own))
             yield f"{own.effect}: in these poses {', '.join(rest)} would do what {last} does"
-
-
-def _file_lines(diagnosis: Conclusions, rows: FloatArray | Any, most: int = 8) -> str:
-    lines = [str(int(diagnosis.campaign.lines[row])) for row in rows]
-    more = f" and {len(lines) - most} more" if len(lines) > most else ""
-    return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"

@@ -16,6 +16,7 @@ from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
+from pouring_robot.exceptions import some
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -295,8 +296,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     if not suggestion.measurements:
         return []
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
-    more = f" and {len(pairs) - _SHOWN_PAIRS} more" if len(pairs) > _SHOWN_PAIRS else ""
-    best, told = tells_most(diagnosis), f"{', '.join(pairs[:_SHOWN_PAIRS])}{more}"
+    best, told = tells_most(diagnosis), some(pairs, _SHOWN_PAIRS)
     gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
     odds = f"({LITTLE_NATS:g} nats: odds of 20)"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:

@@ -12,7 +12,7 @@ import pydantic
 from pouring_robot.exceptions import BadInputError, PouringRobotError
 from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.mechanism.parameters import DriveParameter
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import shown_in
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.model import RobotModel
@@ -72,7 +72,7 @@ class RobotBench:
             "errors": {
                 "values": {},
                 "names": names,
-                "units": {name: "mm" if p.unit == "m" else "mrad" for name, p in self._parameters.items()},
+                "units": {name: shown_in(p.unit)[0] for name, p in self._parameters.items()},
                 "largest": _LARGEST,
             },
         }
@@ -129,7 +129,7 @@ def with_errors(model: RobotModel, errors: Mapping[Parameter, float]) -> RobotMo
     """Return a model with errors added, in mm or mrad: placements composed in their order, drive offsets summed."""
     moved, offsets = dict[str, pin.SE3](), dict[str, float]()
     for parameter, value in errors.items():
-        local, size = parameter.local, value * (MM if parameter.unit == "m" else MRAD)
+        local, size = parameter.local, value * shown_in(parameter.unit)[1]
         if isinstance(local, DriveParameter):
             offsets[local.joint] = offsets.get(local.joint, 0.0) + size
         else:

@@ -33,7 +33,7 @@ from pouring_robot.batch.structure import BoolArray
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary
 from pouring_robot.sweeps.config import Allocation
@@ -203,7 +203,7 @@ def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None)
     by, columns = _measures(plan, summary, indices)
     ranked = []
     for k, (p, margin) in enumerate(zip(plan.parameters, plan.draws.margins, strict=True)):
-        unit, factor = ("mm", MM) if p.unit == "m" else ("mrad", MRAD)
+        unit, factor = shown_in(p.unit)
         figures = without_nan({name: values[k].item() for name, values in columns.items()})
         weight = math.inf if figures[by] is None else figures[by]
         ranked.append(RankedParameter(p.name, unit, p.part, margin.tolerance / factor, weight, figures))
