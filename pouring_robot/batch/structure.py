@@ -19,12 +19,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import PlacementParameter, placement_parameters
 
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 CountArray = NDArray[np.int32]
 ByteArray = NDArray[np.uint8]
 

@@ -20,10 +20,9 @@ from pouring_robot.estimation.instruments import LENGTHS, are, component_name, k
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
-Mask = NDArray[np.bool_]
 FEWEST_VALUES = 50
 """Held-out values from which on one block tells its error to a tenth, and is enough."""
 _KNOWN = 0.1
@@ -58,7 +57,7 @@ class Gap:
     counts: NDArray[np.intp]  # number of values, shape (K,)
 
     @classmethod
-    def between(cls, before: WhitenedRows, after: WhitenedRows, rows: Mask, sigma: FloatArray) -> Gap:
+    def between(cls, before: WhitenedRows, after: WhitenedRows, rows: BoolArray, sigma: FloatArray) -> Gap:
         """Return the gap of some rows, by a mask (n,), from residuals of all; sigma (K,) is the noise, in m and rad."""
         size = len(sigma)
         was, left = (_by_component(seen.of(rows), size) for seen in (before, after))
@@ -81,7 +80,7 @@ class Gap:
         """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN if none was measured."""
         return self._over(which, are("rotation", np.arange(self.counts.size)))
 
-    def _over(self, which: str, chosen: Mask) -> float:
+    def _over(self, which: str, chosen: BoolArray) -> float:
         return rms(np.repeat(getattr(self, which)[chosen], self.counts[chosen]))
 
     @property
@@ -155,7 +154,7 @@ def held_out_in_turn(
         agreed += named == names
     sigma, everything = diagnoser.rows.measured.sigma, np.ones(len(diagnoser.rows), dtype=bool)
 
-    def gap(rows: Mask) -> Gap:
+    def gap(rows: BoolArray) -> Gap:
         return Gap.between(replace(linear, residual=given), replace(linear, residual=found), rows, sigma)
 
     fewer = np.array([gap(~np.isin(np.arange(len(everything)), rows)).position("after") for rows in blocks])
@@ -163,18 +162,18 @@ def held_out_in_turn(
     return InTurn(len(blocks), gap(everything), error, agreed)
 
 
-def few(seen: WhitenedRows, fitted: Mask) -> bool:
+def few(seen: WhitenedRows, fitted: BoolArray) -> bool:
     """Return whether the rows held out hold so few values that a single block tells little."""
     return 0 < int((~fitted)[seen.row].sum()) < FEWEST_VALUES
 
 
-def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[FloatArray, frozenset[str]]:
+def _searched(diagnoser: Diagnoser, problem: Problem, block: BoolArray) -> tuple[FloatArray, frozenset[str]]:
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
     found = search(problem.of(~block), diagnoser.thresholds)
     left = problem.residual - found.on(problem).columns @ np.concatenate([np.zeros(0), *found.values])
     return left, frozenset(item.effect for item in found.items if item.cause)
 
 
-def _unforeseen(values: FloatArray, free: FloatArray, block: Mask) -> FloatArray:
+def _unforeseen(values: FloatArray, free: FloatArray, block: BoolArray) -> FloatArray:
     """Return a block's values, the free unknowns fitted to the others."""
     return np.asarray(values[block] - free[block] @ np.linalg.lstsq(free[~block], values[~block], rcond=None)[0])

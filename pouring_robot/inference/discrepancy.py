@@ -19,10 +19,10 @@ import numpy as np
 import scipy.linalg
 from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
+from pouring_robot.inference.evidence import Beside, Gram, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Part, Process, against, between
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,12 +256,12 @@ class Discrepancy:
     def _alone(self) -> list[_Found]:
         return list(self._tried(*self._beside(())))
 
-    def _tried(self, beside: Beside, own: Places, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
+    def _tried(self, beside: Beside, own: Indices, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
         """Yield each process beside columns of the hypothesis (q,) and chosen processes."""
         for lengths in self._seen.values():
             yield self._found(lengths, beside, own, chosen)
 
-    def _found(self, lengths: Sequence[_Seen], beside: Beside, own: Places, chosen: Sequence[_Found]) -> _Found:
+    def _found(self, lengths: Sequence[_Seen], beside: Beside, own: Indices, chosen: Sequence[_Found]) -> _Found:
         """Return one process, at all its length scales, beside the same."""
         products = [self._outside(beside, own, chosen, seen) for seen in lengths]
         worths = [bayes_factor(*one) for one in products]
@@ -270,7 +270,7 @@ class Discrepancy:
         return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
     def _outside(
-        self, beside: Beside, own: Places, chosen: Sequence[_Found], seen: _Seen
+        self, beside: Beside, own: Indices, chosen: Sequence[_Found], seen: _Seen
     ) -> tuple[FloatArray, FloatArray]:
         shared = np.vstack([seen.shared[own], *(self._shared(one.seen, seen) for one in chosen)])
         return beside.outside(shared, seen.inner, seen.projected)
@@ -283,7 +283,7 @@ class Discrepancy:
             self._known[one, other] = between(one.parts, other.parts) - one.absorbed.T @ other.absorbed
         return self._known[one, other]
 
-    def _beside(self, chosen: Sequence[_Found]) -> tuple[Beside, Places]:
+    def _beside(self, chosen: Sequence[_Found]) -> tuple[Beside, Indices]:
         """Return what is to be seen beside the hypothesis and chosen processes, and the places of its own columns."""
         own, everything, problem = np.arange(len(self._own)), self.hypothesis.everything, self.hypothesis.problem
         if not chosen:

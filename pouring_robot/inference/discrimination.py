@@ -18,11 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.mechanism.arrays import FloatArray
-
-IntArray = NDArray[np.intp]
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +34,7 @@ class Prediction:
 class Choice:
     """Measurements that were chosen."""
 
-    chosen: IntArray  # their indices, in the order they were chosen
+    chosen: Indices  # their indices, in the order they were chosen
     # expected growth of the evidence difference between each pair by each of them, (count, pairs), in nats
     gains: FloatArray
 
@@ -114,7 +111,7 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
 
 
 def expected(
-    predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, chosen: IntArray
+    predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, chosen: Indices
 ) -> FloatArray:
     """Return what a whole set of measurements is worth between each pair, shape (pairs,), in nats."""
     places = (components * chosen[:, None] + np.arange(components)).ravel()

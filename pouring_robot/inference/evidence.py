@@ -25,10 +25,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 LOG_SCALES: FloatArray = np.linspace(np.log(1e-2), np.log(1e1), 28)
 """Scales that evidence is averaged over: from a hundredth to ten times what an effect's own units call usual
@@ -41,8 +40,6 @@ _BLOCK = 32
 """Columns that LAPACK reduces at a time."""
 _EQUATIONS = 4096
 """How many are looked at at a time: all columns of a large campaign would not fit into memory."""
-Places = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 
 class Columns(Protocol):
@@ -114,7 +111,7 @@ class Beside:
     Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
     """
 
-    def __init__(self, gram: Gram, places: Places, weights: FloatArray) -> None:
+    def __init__(self, gram: Gram, places: Indices, weights: FloatArray) -> None:
         self._gram, self.places, self._weights = gram, places, weights
         inner = weights[:, None] * gram.columns[places[:, None], places] * weights
         inner.flat[:: len(places) + 1] += 1.0
@@ -124,7 +121,7 @@ class Beside:
         self.log_determinant = gram.log_determinant + 2.0 * float(np.log(np.diag(self._factor)).sum())
 
     @classmethod
-    def groups(cls, gram: Gram, groups: Sequence[tuple[Places, FloatArray]]) -> Beside:
+    def groups(cls, gram: Gram, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
         """Return what is to be seen beside groups of columns, each with its places and weights."""
         places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
         return cls(gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
@@ -142,7 +139,7 @@ class Beside:
         """Log density of the residual, in nats, up to a constant of the number of rows."""
         return -0.5 * (self.squared + self.log_determinant)
 
-    def of(self, places: Places) -> tuple[FloatArray, FloatArray]:
+    def of(self, places: Indices) -> tuple[FloatArray, FloatArray]:
         """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
         columns, projected = self._gram.columns, self._gram.projected
         shared, inner = columns[self.places[:, None], places], columns[places[:, None], places]

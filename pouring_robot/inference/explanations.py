@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.evidence import BoolArray, Columns, Gram, Places, blocks, shaping_unit
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.inference.evidence import Columns, Gram, blocks, shaping_unit
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_FORM = "background"
 """What an effect's form is called in files where it is workmanship."""
@@ -145,7 +145,7 @@ class Problem:
         return Gram.of([one.columns for one in self._groups], self.residual)
 
     @functools.cached_property
-    def _places(self) -> dict[tuple[str, str], Places]:
+    def _places(self) -> dict[tuple[str, str], Indices]:
         ends = itertools.pairwise(np.cumsum([0, *(one.columns.shape[1] for one in self._groups)]).tolist())
         found = {one.key: np.arange(*own, dtype=np.intp) for one, own in zip(self._groups, ends, strict=True)}
         if len(found) < len(self._groups):
@@ -156,7 +156,7 @@ class Problem:
             )
         return found
 
-    def places(self, item: Explanation | Workmanship) -> Places:
+    def places(self, item: Explanation | Workmanship) -> Indices:
         """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""
         return self._places[item.key]
 

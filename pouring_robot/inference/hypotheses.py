@@ -14,15 +14,13 @@ import numpy as np
 from pouring_robot.inference.evidence import (
     BayesFactor,
     Beside,
-    BoolArray,
-    Places,
     Scale,
     bayes_factor,
     most_evidence,
     most_within,
 )
 from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
 """How large workmanship may be, over the errors of a part that nobody has measured: none, or a 512th to an eighth.
@@ -76,18 +74,18 @@ class Hypothesis:
         """Return which items are forms of an effect."""
         return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
 
-    def workmanship(self) -> list[tuple[Places, FloatArray]]:
+    def workmanship(self) -> list[tuple[Indices, FloatArray]]:
         """Return places and weights of workmanship."""
         kinds = zip(self.problem.workmanship, self.levels, strict=True)
         found = [(self.problem.places(kind), level) for kind, level in kinds if level]
         return [(places, np.full(len(places), WORKMANSHIP_LEVELS[level])) for places, level in found]
 
-    def _group(self, index: int) -> tuple[Places, FloatArray]:
+    def _group(self, index: int) -> tuple[Indices, FloatArray]:
         item = self.items[index]
         return self.problem.places(item), self.scales[index].weights(item.main)
 
     @functools.cached_property
-    def _groups(self) -> list[tuple[Places, FloatArray]]:
+    def _groups(self) -> list[tuple[Indices, FloatArray]]:
         """Places and weights of everything fitted: workmanship, then items."""
         return [*self.workmanship(), *(self._group(k) for k in range(len(self.items)))]
 
@@ -296,7 +294,7 @@ class Hypothesis:
             return np.zeros(len(self.problem.residual))
         return self._parts[sum(level > 0 for level in self.levels[:index])]
 
-    def _together(self, indices: Iterable[int]) -> tuple[Places, FloatArray]:
+    def _together(self, indices: Iterable[int]) -> tuple[Indices, FloatArray]:
         """Return places and values of the coefficients of some items."""
         first, indices = len(self.values) - len(self.items), list(indices)
         places = [self.problem.places(self.items[k]) for k in indices]

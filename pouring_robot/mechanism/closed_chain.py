@@ -16,14 +16,11 @@ from typing import Any, Literal, Self
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, tree_of
-
-IndexArray = NDArray[np.intp]
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
@@ -207,19 +204,19 @@ class ClosedChainMechanism:
         }
 
     @functools.cached_property
-    def drive_columns(self) -> IndexArray:
+    def drive_columns(self) -> Indices:
         """Velocity indices of the drives, in the order of the loops file."""
         return np.array([self.shared_model.idx_vs[j] for j in self._drive_ids], dtype=np.intp)
 
     @functools.cached_property
-    def passive_columns(self) -> IndexArray:
+    def passive_columns(self) -> Indices:
         """Velocity indices that closure has to find: neither driven nor locked, nor following another joint."""
         fixed = {*self._drive_ids, *self._locked_ids, *(self.joint_id(mimic.joint) for mimic in self.mimics)}
         free = (own for j, own in enumerate(self.joint_columns.values(), start=1) if j not in fixed)
         return np.array([column for own in free for column in own], dtype=np.intp)
 
     @functools.cached_property
-    def closing_columns(self) -> IndexArray:
+    def closing_columns(self) -> Indices:
         """Velocity indices of all joints that are not locked: drives and passive joints together."""
         return np.sort(np.concatenate([self.drive_columns, self.passive_columns]))
 

@@ -16,8 +16,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
@@ -143,7 +143,7 @@ class ClosureResult(ReadOnly, Result):
         """Rank of the loops' Jacobian over all joints that move: freedoms = joint freedoms - rank."""
         return int(np.linalg.matrix_rank(self._loop_rows(self.mechanism.closing_columns), RANK_TOLERANCE))
 
-    def _loop_rows(self, columns: IndexArray) -> FloatArray:
+    def _loop_rows(self, columns: Indices) -> FloatArray:
         """Return how the loops open with the given velocity columns and what follows them; (6 loops, columns)."""
         rows = self.jacobian.reshape(-1, self.jacobian.shape[2])
         return np.asarray(rows @ self.mechanism.coupling[:, columns])

@@ -20,7 +20,6 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Size = PositiveFloat
 Bounds = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Point = tuple[float, float, float]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -66,19 +65,19 @@ class InRadians(Entry[Value, Unit]):
         return self._si
 
 
-Length = InMetres[Size, Literal["mm", "m"]]
+Length = InMetres[PositiveFloat, Literal["mm", "m"]]
 Position = InMetres[Point, Literal["mm", "m"]]
 Centres = InMetres[tuple[Point, Point, Point, Point], Literal["mm", "m"]]
 """Four points, one a chain."""
 LengthRange = InMetres[Bounds, Literal["mm", "m"]]
-Angle = InRadians[Size, Literal["rad", "deg"]]
+Angle = InRadians[PositiveFloat, Literal["rad", "deg"]]
 AngleRange = InRadians[Bounds, Literal["rad", "deg"]]
-Mass = Entry[Size, Literal["kg"]]
-Density = Entry[Size, Literal["kg/m3"]]
-Speed = Entry[Size, Literal["m/s", "mm/s"]]
-Spin = Entry[Size, Literal["rad/s"]]
-Force = Entry[Size, Literal["N"]]
-Torque = Entry[Size, Literal["Nm"]]
+Mass = Entry[PositiveFloat, Literal["kg"]]
+Density = Entry[PositiveFloat, Literal["kg/m3"]]
+Speed = Entry[PositiveFloat, Literal["m/s", "mm/s"]]
+Spin = Entry[PositiveFloat, Literal["rad/s"]]
+Force = Entry[PositiveFloat, Literal["N"]]
+Torque = Entry[PositiveFloat, Literal["Nm"]]
 Colour = Entry[tuple[Share, Share, Share, Share], Literal["rgba"]]
 Mesh = Entry[MeshName, Literal["file"]]
 

@@ -24,11 +24,11 @@ from pydantic import PositiveFloat
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Entry, LayoutEntry, Length, Size
+from pouring_robot.robot.pouring.layout_schema import Entry, LayoutEntry, Length
 
-Modulus = Entry[Size, Literal["N/m2"]]
-Axial = Entry[Size, Literal["N/m"]]
-Torsion = Entry[Size, Literal["Nm/rad"]]
+Modulus = Entry[PositiveFloat, Literal["N/m2"]]
+Axial = Entry[PositiveFloat, Literal["N/m"]]
+Torsion = Entry[PositiveFloat, Literal["Nm/rad"]]
 _SHORTEST_SPINDLE_M = 0.05
 
 
@@ -42,7 +42,7 @@ class Steel(StrictModel):
 class Bearing(StrictModel):
     """A needle bearing of a U joint."""
 
-    rollers: Entry[Size, Literal["1"]]
+    rollers: Entry[PositiveFloat, Literal["1"]]
     roller_length: Length
 
 

@@ -7,13 +7,13 @@ temperatures (°C at the user's edge, K inside).
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Size
+from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -37,11 +37,11 @@ class Temperature(Entry[_Celsius, Literal["degC"]]):
 Thickness = InMetres[NonNegativeFloat, Literal["mm", "m"]]
 """Zero means that there is none."""
 Emissivity = Entry[_Fraction, Literal["1"]]
-Conductivity = Entry[Size, Literal["W/mK"]]
-FilmCoefficient = Entry[Size, Literal["W/m2K"]]
+Conductivity = Entry[PositiveFloat, Literal["W/mK"]]
+FilmCoefficient = Entry[PositiveFloat, Literal["W/m2K"]]
 """Heat flow per area and kelvin: of a film of air, or of a contact."""
-Conductance = Entry[Size, Literal["W/K"]]
-HeatCapacity = Entry[Size, Literal["J/kgK"]]
+Conductance = Entry[PositiveFloat, Literal["W/K"]]
+HeatCapacity = Entry[PositiveFloat, Literal["J/kgK"]]
 Expansion = Entry[_Expansion, Literal["1/K"]]
 
 

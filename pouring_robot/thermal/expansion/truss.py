@@ -24,8 +24,7 @@ import scipy.sparse
 from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import IndexArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
@@ -255,7 +254,7 @@ def _sagged(at: FloatArray, places: FloatArray, turns: FloatArray, span: float) 
     return np.asarray(-(np.minimum(x, s) * (span - np.maximum(x, s)) / span) @ turns)
 
 
-def _uprights(found: TrussTemperatures, axles: FloatArray) -> IndexArray:
+def _uprights(found: TrussTemperatures, axles: FloatArray) -> Indices:
     """Return which of the trolley's bars stands at each axle."""
     cells = found.trolley.centres_m.reshape(*found.trolley_degC.shape, 3)
     flat = np.ptp(cells[..., 2], axis=1) == 0.0

@@ -21,8 +21,7 @@ import scipy.sparse.linalg
 
 from pouring_robot.exceptions import ThermalSolutionError
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import IndexArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 STEP_TOLERANCE_K = 1e-4
 """Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
@@ -108,7 +107,7 @@ class Circuit:
         return EnergyBalance(*map(float, (*from_melt, *to_ambient)))
 
 
-def chain_links(nodes: IndexArray, conductance: float) -> list[tuple[int, int, float]]:
+def chain_links(nodes: Indices, conductance: float) -> list[tuple[int, int, float]]:
     """Return links of equal conductance (W/K) from each node to the next."""
     return [(int(a), int(b), conductance) for a, b in itertools.pairwise(nodes)]
 

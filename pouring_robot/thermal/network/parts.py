@@ -10,8 +10,7 @@ from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import IndexArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
@@ -35,12 +34,12 @@ _OFF_THE_FACE_M = 1e-6
 class NodeMap:
     """Which node stands for what."""
 
-    legs: IndexArray  # nodes of the legs, shape (4, N + F), the moving rod's first
-    moving_platform: IndexArray  # steel of its cells, shape (P,)
-    cladding: IndexArray  # its surface, shape (C,)
-    clad_cells: IndexArray  # of the moving platform's cells those that have one, shape (C,)
-    fixed_platform: IndexArray  # of its cells, shape (Q,)
-    lining: IndexArray  # layers of the ladle's lining, from the melt outwards
+    legs: Indices  # nodes of the legs, shape (4, N + F), the moving rod's first
+    moving_platform: Indices  # steel of its cells, shape (P,)
+    cladding: Indices  # its surface, shape (C,)
+    clad_cells: Indices  # of the moving platform's cells those that have one, shape (C,)
+    fixed_platform: Indices  # of its cells, shape (Q,)
+    lining: Indices  # layers of the ladle's lining, from the melt outwards
     shell: int  # the ladle's shell
 
     @property
@@ -49,7 +48,7 @@ class NodeMap:
         return self.shell + 1
 
     @classmethod
-    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> Self:
+    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: Indices, fixed_cells: int) -> Self:
         """Number all nodes."""
         sizes = (len(LEGS) * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
         ends = np.cumsum((0, *sizes))
