@@ -187,21 +187,25 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
         backwards &= bool((np.diff(time[members]) <= 0.0).all())
     if not rows:
         return
-    # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
-    by_time, by_row = _roughness(campaign, np.argsort(time, kind="stable")), _roughness(campaign, slice(None))
     code, at, severity, remedy = FlagCode.TIME_SHUFFLED, list[int](), None, ""
     if steps < _SHUFFLED * len(campaign):
         code, at, said = FlagCode.TIME_NOT_INCREASING, rows, f"does not increase at {where(campaign, rows)}"
     elif backwards:  # temperatures run as smoothly one way as the other
         said = "falls from row to row: the newest row comes first"
         remedy = "sort the rows of each session by time, so that its oldest comes first"
-    elif by_time < by_row:
-        said = f"runs in no order, it falls {steps} times; the temperatures run smoothly by it"
-        code, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
-        remedy = "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
     else:
-        said = f"runs in no order, it falls {steps} times, and is not that of the rows"
-        said += "; the temperatures run smoothly by row" if by_row < by_time else ""
+        said = f"runs in no order, it falls {steps} times"
+        # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
+        rougher = _roughness(campaign, np.argsort(time, kind="stable")) - _roughness(campaign, slice(None))
+        if rougher < 0.0:
+            said += "; the temperatures run smoothly by it"
+            code, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
+            remedy = (
+                "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
+            )
+        else:
+            said += ", and is not that of the rows"
+            said += "; the temperatures run smoothly by row" if rougher > 0.0 else ""
     figures, message = {"rows": float(len(rows)), "falls": float(steps)}, f"column '{campaign.heading('time')}' {said}"
     yield found(campaign, code, message, at, ["time"], figures, severity=severity, remedy=remedy)
 

@@ -165,8 +165,8 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    rest = rest if found.clear_structures else []
-    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
+    described = tuple(rest) if found.clear_structures else ()
+    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> Judgement:

@@ -64,7 +64,10 @@ class PouringRobot(Robot):
         That is by default the nominal pose for these drives.
         """
         self.kinematics.check_drives(drives)
-        start = self.kinematics.configuration(near or self.kinematics.forward(drives))
+        return self._closed_as_built(drives, self.kinematics.configuration(near or self.kinematics.forward(drives)))
+
+    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
+        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
         result = self.actual_solver.solve(self.actual_drives(drives), start)
         # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
         self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
@@ -93,12 +96,13 @@ class PouringRobot(Robot):
         if not isinstance(pose, PlatformPose):
             return self._located_many(as_poses(pose))
         drives = self.kinematics.inverse(pose)
+        start = self.kinematics.configuration(pose)
         outside_m, outside_rad = self.outside_workspace(pose)
         return LadleLocation(
             commanded=pose,
             drives=drives,
-            nominal=self.nominal_solver.solve(drives, self.kinematics.configuration(pose)),
-            actual=self.forward(drives, near=pose),
+            nominal=self.nominal_solver.solve(drives, start),
+            actual=self._closed_as_built(drives, start),
             reach=joint_reach(self.kinematics.mechanism, self.kinematics.joint_values(pose)),
             outside_workspace_m=outside_m,
             outside_workspace_rad=outside_rad,

@@ -224,9 +224,16 @@ class ClosureSolver:
         return self._result(self.energy.evaluate(configuration, configuration), configuration, 0)
 
     def _result(self, state: EnergyState, commanded: FloatArray, iterations: int) -> ClosureResult:
-        pull, own = (state.wrench[:, None, :] @ state.jlog)[:, 0], commanded.copy()  # the caller may go on with its own
-        at, left_open = state.configuration, state.residual
-        return ClosureResult(self.mechanism, at, left_open, pull, state.energy, iterations, state.jacobian, own)
+        return ClosureResult(
+            self.mechanism,
+            state.configuration,
+            state.residual,
+            (state.wrench[:, None, :] @ state.jlog)[:, 0],
+            state.energy,
+            iterations,
+            state.jacobian,
+            commanded.copy(),  # the caller may go on with its own
+        )
 
     def _grown(self, commanded: FloatArray) -> tuple[EnergyState, int]:
         """Return the minimum and the Newton steps to it; large errors grow in steps, from none."""
