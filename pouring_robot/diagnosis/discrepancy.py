@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.gap import table_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import shown_in
 
 _IN_TIME = ("time", "order", "session")
 _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
@@ -29,13 +29,13 @@ class Discrepancy:
     step: float = math.nan  # by how much it jumps there, in m or rad
 
     @property
-    def _in_unit(self) -> tuple[float, str]:
-        return (MRAD, "mrad") if self.component.startswith("r") else (MM, "mm")
+    def _in_unit(self) -> tuple[str, float]:
+        return shown_in("rad" if self.component.startswith("r") else "m")
 
     @property
     def sentence(self) -> str:
         """It in words."""
-        scale, unit = self._in_unit
+        unit, scale = self._in_unit
         words, axis = self.structure.process.words, "the tracker's " if self.component[-1] in "xyz" else ""
         text = (
             f"{words}: {self.structure.size:.1f} times the noise, mostly in {axis}"
@@ -47,7 +47,7 @@ class Discrepancy:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``diagnosis.json`` holds it."""
-        scale, unit = self._in_unit
+        unit, scale = self._in_unit
         out: dict[str, Any] = {
             "where": self.structure.process.where,
             "by": self.structure.process.by,

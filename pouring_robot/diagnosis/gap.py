@@ -21,7 +21,7 @@ from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 FEWEST_VALUES = 50
 """Held-out values from which on one block tells its error to a tenth, and is enough."""
@@ -29,9 +29,9 @@ _KNOWN = 0.1
 """Share of its information on the frames that the others must have in every direction; else nothing is foretold."""
 
 
-def component_unit(component: int) -> float:
-    """Return what makes m and rad of a component in the unit it is shown in: mm, mrad for rotations."""
-    return MRAD if 3 <= component < 6 else MM
+def component_unit(component: int) -> tuple[str, float]:
+    """Return the unit that a component is shown in, mm or mrad for rotations, and how large that is, in m or rad."""
+    return shown_in("rad" if 3 <= component < 6 else "m")
 
 
 def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
@@ -101,7 +101,7 @@ class Gap:
         sizes = {f"{which}_rms_mm": self.position(which) / MM for which in kinds}
         sizes |= {f"{which}_rms_mrad": self.rotation(which) / MRAD for which in kinds}
         components = {
-            component_name(k): {which: float(getattr(self, which)[k] / component_unit(k)) for which in kinds}
+            component_name(k): {which: float(getattr(self, which)[k] / component_unit(k)[1]) for which in kinds}
             for k in self.seen.tolist()
         }
         return {"rows": self.rows, **sizes, "components": components}

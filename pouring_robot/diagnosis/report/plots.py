@@ -21,7 +21,7 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import FloatArray, evenly
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
@@ -66,9 +66,9 @@ def _gap(diagnosis: Conclusions) -> str:
 
 
 def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amended: bool) -> None:
-    unit, places = component_unit(int(part[0])), np.arange(part.size)
+    (unit, si), places = component_unit(int(part[0])), np.arange(part.size)
     for shift, (name, gap) in zip((0.14, -0.14), gaps.items(), strict=False):
-        before, after, floor = gap.before[part] / unit, gap.after[part] / unit, gap.floor[part] / unit
+        before, after, floor = gap.before[part] / si, gap.after[part] / si, gap.floor[part] / si
         place = places + (shift if len(gaps) > 1 else 0.0)
         filled, words = name == "held_out", name.replace("_", " ").replace("train", "fitted")
         axes.hlines(place, after, before, color=GREY, linewidth=1.0)
@@ -76,8 +76,7 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amend
         for values, colour, label in shown:
             face = colour if filled or len(gaps) == 1 else "white"
             (dots,) = axes.plot(values, place, "o", color=colour, markerfacecolor=face, label=f"{label}, {words}")
-            of = "mm" if unit == MM else "mrad"
-            tell(dots, [f"{label}, {words}: {value:.4f} {of}" for value in values if np.isfinite(value)])
+            tell(dots, [f"{label}, {words}: {value:.4f} {unit}" for value in values if np.isfinite(value)])
         if name == next(iter(gaps)):
             axes.vlines(floor, places - 0.35, places + 0.35, color="black", linestyle="--", label="noise")
     axes.set_xscale("log")
@@ -88,7 +87,7 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amend
     labelled = "25" if high > _NARROW * low else "23456789"
     axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in labelled else "")
     axes.tick_params(axis="x", which="both", labelsize=8)
-    axes.set_xlabel("RMS [mm]" if unit == MM else "RMS [mrad]")
+    axes.set_xlabel(f"RMS [{unit}]")
     axes.grid(axis="x", which="both", alpha=0.2)
 
 
@@ -209,7 +208,7 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
     if np.square(learned - textbook).mean() <= np.square(std).mean():
         return None
-    factor, unit = _unit(diagnosis, most)
+    unit, factor = _unit(diagnosis, most)
     axis = _driving_axis(diagnosis, effect, most)
     return Shape(most, unit, axis, learned / factor, std / factor, textbook / factor)
 
@@ -237,13 +236,13 @@ def _driving_axis(diagnosis: Conclusions, effect: NamedEffect, name: str) -> Axi
     return known.axis(given)
 
 
-def _unit(diagnosis: Conclusions, name: str) -> tuple[float, str]:
-    """Return the unit that a local parameter is shown in: its size in SI units and its name."""
+def _unit(diagnosis: Conclusions, name: str) -> tuple[str, float]:
+    """Return the unit that a local parameter is shown in, and its size in SI units."""
     if name == SCALE:
-        return 1e-6, "1e-6"
+        return "1e-6", 1e-6
     turns = {channel(drive): drive.unit == "rad" for drive in diagnosis.rows.conditions.robot.drives}
     turning = turns.get(name, name.rpartition(".")[2].startswith("r"))
-    return (MRAD, "mrad") if turning else (MM, "mm")
+    return shown_in("rad" if turning else "m")
 
 
 def _shape_panel(axes: Any, shape: Shape) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pouring_robot.estimation.instruments import are
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +87,7 @@ class Finding:
 
 def size_text(size: float, turning: bool = False) -> str:
     """Return a size in m or rad as mm or mrad, two figures."""
-    value = size / (MRAD if turning else MM)
+    unit, si = shown_in("rad" if turning else "m")
+    value = size / si
     digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 1.0 else 1
-    return f"{value:.{digits}f} {'mrad' if turning else 'mm'}"
+    return f"{value:.{digits}f} {unit}"
