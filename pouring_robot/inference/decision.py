@@ -139,13 +139,20 @@ def judge(
         unexplained: why something is unknown whatever is found here; "" if nothing is.
         varied: how the size of each effect at work may vary; by default it does not.
     """
+
+    @functools.cache
+    def rest() -> tuple[Summand, ...]:
+        """Return the processes whose sum explains what is left, worked out where that decides something."""
+        return tuple(discrepancy.sum(thresholds.least_evidence(len(discrepancy)), _MOST_PARTS))
+
     left = discrepancy.structures()
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
     own = _of_their_own(hypothesis, effects, varied, thresholds)
     large = [_cause(hypothesis, effect, thresholds) for effect in own]
-    rest = discrepancy.sum(thresholds.least_evidence(len(discrepancy)), _MOST_PARTS)
-    remainder = rms(np.sum([one.part for one in rest], axis=0)) if rest else 0.0
-    causes = _above(large, [_added(hypothesis, cause.indices) for cause in large], remainder, thresholds)
+    adds = [_added(hypothesis, cause.indices) for cause in large]
+    faint = min(adds, default=0.0) < thresholds.minor_share * max(adds, default=0.0)
+    remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint and rest() else 0.0
+    causes = _above(large, adds, remainder, thresholds)
     at_work = {cause.effect for cause in causes}
     minor = tuple(effect for effect in effects if effect not in at_work)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
@@ -165,7 +172,7 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    described = tuple(rest) if found.clear_structures else ()
+    described = rest() if found.clear_structures else ()
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
 
 
