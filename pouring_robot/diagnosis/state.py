@@ -127,7 +127,7 @@ class Diagnoser:
             state, moved = self._advanced(state, hypothesis)
             problem = self.problem_at(state)
             again = search(problem, thresholds, hypothesis.on(problem))
-            same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
+            same = again.keys == hypothesis.keys
             hypothesis = again
             if same and moved < _SETTLED:
                 break

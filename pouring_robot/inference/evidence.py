@@ -79,9 +79,28 @@ class BayesFactor:
     peak: float  # log evidence at those
 
 
+class Products(Protocol):
+    """Inner products of columns and residual through the inverse of a covariance."""
+
+    @property
+    def projected(self) -> FloatArray:
+        """Of the columns with the residual, (K,)."""
+
+    @property
+    def squared(self) -> float:
+        """Of the residual with itself."""
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the covariance."""
+
+    def inner(self, some: Indices, others: Indices) -> FloatArray:
+        """Return those of some columns (a,) with others (b,), shape (a, b)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Inner products of columns and residual through the inverse of a covariance."""
+    """Inner products of columns and residual, all at hand."""
 
     columns: FloatArray  # of the columns, (K, K)
     projected: FloatArray  # of the columns with the residual, (K,)
@@ -99,6 +118,10 @@ class Gram:
             projected += stacked.T @ residual[some]
         return cls(inner, projected, float(residual @ residual))
 
+    def inner(self, some: Indices, others: Indices) -> FloatArray:
+        """Return those of some columns (a,) with others (b,), shape (a, b)."""
+        return self.columns.take(some, 0).take(others, 1)
+
     def under(self, factor: float) -> Gram:
         """Return the same where the noise is so many times as large."""
         variance = factor**2
@@ -111,27 +134,28 @@ class Beside:
     Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
     """
 
-    def __init__(self, gram: Gram, places: Indices, weights: FloatArray) -> None:
-        self._gram, self.places, self._weights = gram, places, weights
-        inner = weights[:, None] * gram.columns[places[:, None], places] * weights
+    def __init__(self, products: Products, places: Indices, weights: FloatArray) -> None:
+        self._products, self.places, self._weights = products, places, weights
+        inner = products.inner(places, places)
+        inner *= weights
+        inner *= weights[:, None]
         inner.flat[:: len(places) + 1] += 1.0
-        self._factor = np.linalg.cholesky(inner)
-        self._pulled = self._solved(weights * gram.projected[places])
-        self.squared = gram.squared - float(self._pulled @ self._pulled)
-        self.log_determinant = gram.log_determinant + 2.0 * float(np.log(np.diag(self._factor)).sum())
+        self._factor = _factor(inner)
+        self._pulled = self._solved(weights * products.projected[places])
+        self.squared = products.squared - float(self._pulled @ self._pulled)
+        self.log_determinant = products.log_determinant + 2.0 * float(np.log(self._factor.diagonal()).sum())
 
     @classmethod
-    def groups(cls, gram: Gram, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
+    def groups(cls, products: Products, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
         """Return what is to be seen beside groups of columns, each with its places and weights."""
         places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
-        return cls(gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
+        return cls(products, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
     def _solved(self, values: FloatArray) -> FloatArray:
         if not len(self._weights):
             return values
-        # Millions of small solutions: the routine itself, without what checks its arguments, and in its order of
-        # memory: a factor by rows is the transposed one by columns, and need not be copied.
-        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor.T, values, lower=0, trans=1)[0]
+        # Millions of small solutions: the routine itself, without what checks its arguments.
+        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=0, trans=1)[0]
         return solution
 
     @property
@@ -141,12 +165,12 @@ class Beside:
 
     def of(self, places: Indices) -> tuple[FloatArray, FloatArray]:
         """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
-        columns, projected = self._gram.columns, self._gram.projected
-        shared, inner = columns[self.places[:, None], places], columns[places[:, None], places]
-        return self.outside(shared, inner, projected[places])
+        count = len(self.places)
+        inner = self._products.inner(places, np.concatenate([self.places, places]))
+        return self.outside(inner[:, :count].T, inner[:, count:], self._products.projected[places])
 
     def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the same of columns that are not in the Gram matrix.
+        """Return the same of columns that are not among the products.
 
         From their inner products with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
@@ -154,15 +178,34 @@ class Beside:
         return inner - seen.T @ seen, projected - seen.T @ self._pulled
 
     @functools.cached_property
-    def gram(self) -> Gram:
-        """All inner products."""
-        columns, projected = self._gram.columns, self._gram.projected
-        return Gram(*self.outside(columns[self.places], columns, projected), self.squared, self.log_determinant)
+    def _seen(self) -> FloatArray:
+        """All columns, as far as they are in the groups' space, (K, k)."""
+        every = np.arange(len(self._products.projected), dtype=np.intp)
+        return self._solved(self._weights[:, None] * self._products.inner(self.places, every)).T
+
+    @functools.cached_property
+    def projected(self) -> FloatArray:
+        """Inner products of all columns with the residual, (K,)."""
+        return self._products.projected - self._seen @ self._pulled
+
+    def inner(self, some: Indices, others: Indices) -> FloatArray:
+        """Return the inner products of some columns (a,) with others (b,), shape (a, b), where many are asked for."""
+        return np.asarray(self._products.inner(some, others) - self._seen[some] @ self._seen[others].T)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
         back = self._solved(np.eye(len(self._weights)))
         return back.T @ self._pulled, back.T @ back
+
+
+def _factor(matrix: FloatArray) -> FloatArray:
+    """Return the upper triangular U with U^T U = a positive definite matrix (k, k), which is overwritten."""
+    if not len(matrix):
+        return matrix
+    factor, failed = scipy.linalg.lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("inner products of columns are not finite, or no inner products")
+    return np.asarray(factor)
 
 
 def shaping_unit(columns: FloatArray, main: BoolArray) -> float:

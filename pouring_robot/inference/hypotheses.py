@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import heapq
 import itertools
-from collections.abc import Collection, Hashable, Iterable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
+Known = TypeVar("Known")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +85,14 @@ class Hypothesis:
         item = self.items[index]
         return self.problem.places(item), self.scales[index].weights(item.main)
 
+    @property
+    def _item_groups(self) -> list[tuple[Indices, FloatArray]]:
+        return [self._group(k) for k in range(len(self.items))]
+
     @functools.cached_property
     def _groups(self) -> list[tuple[Indices, FloatArray]]:
         """Places and weights of everything fitted: workmanship, then items."""
-        return [*self.workmanship(), *(self._group(k) for k in range(len(self.items)))]
+        return [*self.workmanship(), *self._item_groups]
 
     def weights(self) -> list[FloatArray]:
         """Return the standard deviations of the coefficients of everything fitted, over the usual ones, by group."""
@@ -119,6 +124,14 @@ class Hypothesis:
         return Beside.groups(self.problem.gram, self._groups)
 
     @functools.cached_property
+    def _beside_items(self) -> Beside:
+        """The same, sooner: what is to be seen beside workmanship is shared by all hypotheses with as much of it."""
+        known = self.problem.worked_out
+        if ("workmanship", self.levels) not in known:
+            known["workmanship", self.levels] = Beside.groups(self.problem.gram, self.workmanship())
+        return Beside.groups(known["workmanship", self.levels], self._item_groups)
+
+    @functools.cached_property
     def log_evidence(self) -> float:
         """Log evidence, scales averaged, forms as likely as each other, up to a constant of the problem, in nats."""
         found = [self.item_bayes_factor(k) for k in range(len(self.items))]
@@ -127,12 +140,9 @@ class Hypothesis:
 
     @property
     def _log_likelihood(self) -> float:
-        if "likelihood" not in self._known:
-            steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
-            prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
-            self._known["likelihood"] = self.everything.log_likelihood + prior
-        found: float = self._known["likelihood"]
-        return found
+        steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
+        prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
+        return self.once("likelihood", lambda: self._beside_items.log_likelihood) + prior
 
     def item_bayes_factor(self, index: int) -> BayesFactor:
         """Return what an item is worth beside the others."""
@@ -140,10 +150,7 @@ class Hypothesis:
 
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth, given its form."""
-        if item.key not in self._known:
-            self._known[item.key] = bayes_factor(*self._seen_of(item))
-        found: BayesFactor = self._known[item.key]
-        return found
+        return self.once(item.key, lambda: bayes_factor(*self._seen_of(item)))
 
     def ranked(self, items: Iterable[Explanation]) -> Iterator[tuple[BayesFactor, Explanation]]:
         """Yield what each of some explanations would be worth, if it were added, best first.
@@ -153,9 +160,7 @@ class Hypothesis:
         queue: list[tuple[float, int, BayesFactor | None, Explanation]] = []
         for number, item in enumerate(items):
             known: BayesFactor | None = self._known.get(item.key)
-            if known is None and ("most", item.key) not in self._known:
-                self._known["most", item.key] = most_evidence(*self._seen_of(item))
-            bound = self._known["most", item.key] if known is None else known.evidence
+            bound = known.evidence if known else self._most_evidence(item)
             queue.append((-bound, number, known, item))
         heapq.heapify(queue)
         while queue:
@@ -166,17 +171,27 @@ class Hypothesis:
             else:
                 yield found, item
 
+    def _most_evidence(self, item: Explanation) -> float:
+        return self.once(("most", item.key), lambda: most_evidence(*self._seen_of(item)))
+
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
-        inner, projected = self.everything.of(self.problem.places(item))
+        inner, projected = self._beside_items.of(self.problem.places(item))
         return inner, projected, item.main, self.problem.shaping_units[item.key]
 
     @functools.cached_property
     def _known(self) -> dict[Hashable, Any]:
-        """What was worked out for this hypothesis, or for an equal one."""
-        fitted = tuple((item.key, scale) for item, scale in zip(self.items, self.scales, strict=True))
+        """What was worked out for this hypothesis, or for one of the same items in another order."""
+        fitted = frozenset((item.key, scale) for item, scale in zip(self.items, self.scales, strict=True))
         known: dict[Hashable, Any] = self.problem.worked_out.setdefault(("fitted", fitted, self.levels), {})
         return known
+
+    def once(self, what: Hashable, work: Callable[[], Known]) -> Known:
+        """Return what is worked out once for this hypothesis and those that :attr:`_known` holds for equal."""
+        if what not in self._known:
+            self._known[what] = work()
+        found: Known = self._known[what]
+        return found
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, everything else held, in nats."""

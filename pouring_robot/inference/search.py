@@ -59,7 +59,8 @@ def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float
     Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
     products through C for covariance, so that no residual has to be drawn.
     """
-    problem, inner = null.problem, null.everything.gram.columns
+    problem, every = null.problem, np.arange(len(null.problem.gram.projected), dtype=np.intp)
+    inner = null.everything.inner(every, every)
     left, own = inner.diagonal(), problem.gram.columns.diagonal()
     lengths = np.sqrt(np.where(left > _ROUNDING * own, left, 0.0))
     inverse = np.divide(1.0, lengths, out=np.zeros(len(left)), where=lengths > 0.0)
@@ -193,19 +194,29 @@ def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
     for _ in range(3):
         before = hypothesis
-        for index in range(len(hypothesis.items)):
-            hypothesis = _exchanged(hypothesis, index, options)
+        for item in hypothesis.items:
+            hypothesis = _exchanged(hypothesis, item.key, options)
         if hypothesis is before:
             break
     return hypothesis
 
 
-def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis:
+def _exchanged(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> Hypothesis:
     """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
+
+    Branches of the search meet again and again, so each exchange is looked for once.
+    """
+    asked = "exchanged", key, hypothesis.barred, options.branches
+    return hypothesis.once(asked, lambda: _better(hypothesis, key, options)) or hypothesis
+
+
+def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> Hypothesis | None:
+    """Return the hypothesis with a better explanation in the place of one, if there is any.
 
     Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
-    rest, key = hypothesis.without((index,)), hypothesis.items[index].key
+    index = [item.key for item in hypothesis.items].index(key)
+    rest = hypothesis.without((index,))
     own = rest.candidate_bayes_factor(hypothesis.items[index])
     tried: set[str] = set()
     for found, item in rest.ranked(choice for choice in rest.choices if choice.key != key):
@@ -221,7 +232,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         tried.add(item.effect)
         if len(tried) == options.branches:
             break
-    return hypothesis
+    return None
 
 
 def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:

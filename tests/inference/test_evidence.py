@@ -60,7 +60,8 @@ def test_inner_products_are_those_of_the_inverse(rng):
     np.testing.assert_allclose(projected, columns.T @ inverse @ residual, atol=1e-12)
     assert seen.squared == pytest.approx(residual @ inverse @ residual, rel=1e-12)
     assert seen.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-12)
-    np.testing.assert_allclose(seen.gram.columns[np.ix_(places, places)], inner, atol=1e-12)
+    np.testing.assert_allclose(seen.inner(places, places), inner, atol=1e-12)
+    np.testing.assert_allclose(seen.projected[places], projected, atol=1e-12)
     stacked = np.hstack(groups)
     outside = seen.outside(stacked.T @ columns, columns.T @ columns, columns.T @ residual)
     np.testing.assert_allclose(outside[0], inner, atol=1e-12)
@@ -72,7 +73,7 @@ def test_one_after_the_other_is_both_at_once(rng):
     stacked, residual = rng.normal(size=(30, 9)), rng.normal(size=30)
     gram, weights = Gram.of([stacked], residual), rng.uniform(0.1, 3.0, 6)
     first = Beside(gram, np.arange(4), weights[:4])
-    both, after = Beside(gram, np.arange(6), weights), Beside(first.gram, np.arange(4, 6), weights[4:])
+    both, after = Beside(gram, np.arange(6), weights), Beside(first, np.arange(4, 6), weights[4:])
     rest = np.arange(6, 9)
     for one, other in zip(both.of(rest), after.of(rest), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
