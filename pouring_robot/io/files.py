@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.io.given import expect
 from pouring_robot.io.interrupt import stop_if_heard
 
 
@@ -243,8 +244,10 @@ def check_folder(folder: Path | str) -> Path:
     """Find out before the work whether results can be put into a folder, which may not be there yet; return its path.
 
     Raises:
+        BadInputError: it is no path.
         OutputError: they cannot.
     """
+    expect(folder, Path | str, "a folder for results is a path")
     folder = Path(folder)
     with _told(folder):
         if folder.exists() and not folder.is_dir():

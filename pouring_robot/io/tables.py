@@ -210,7 +210,7 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
-        raise error(path, f"cannot be read as Excel: {problem}") from problem
+        raise error(path, "is no Excel file, or a damaged one; save it anew, or as CSV") from problem
     sheets = {name: rows for name, frame in frames.items() if (rows := _rows_of(frame.itertuples(index=False)))}
     if len(sheets) > 1:
         named = ", ".join(f"'{name}'" for name in sheets)

@@ -24,6 +24,7 @@ _SIZES: dict[str, tuple[str, ...]] = {
     "normal": ("std",),
     "truncated_normal": ("std", "limit"),
 }
+_MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
 
@@ -104,11 +105,18 @@ class Grid(StrictModel):
     tilt: Places = 1
     box: Box = Box()
 
+    @pydantic.model_validator(mode="after")
+    def _not_too_many(self) -> Self:
+        count = self.x * self.y * self.z * self.tilt
+        if count > _MOST_POSES:
+            raise ValueError(f"a grid of {count:,} poses is too large; take {_MOST_POSES:,} at most")
+        return self
+
 
 class RandomBox(StrictModel):
     """So many poses drawn evenly from a box."""
 
-    count: int = pydantic.Field(ge=1, le=1_000_000)
+    count: int = pydantic.Field(ge=1, le=_MOST_POSES)
     seed: NonNegativeInt = 0
     box: Box = Box()
 

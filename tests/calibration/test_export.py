@@ -6,7 +6,7 @@ import os
 import pytest
 
 from pouring_robot.calibration.report import described, write_calibration
-from pouring_robot.exceptions import OutputError
+from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.files import check_folder
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
@@ -63,6 +63,8 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
         check_folder(tmp_path / "file")
     with pytest.raises(OutputError, match="does not exist"):
         check_folder(tmp_path / "no" / "where")
+    with pytest.raises(BadInputError, match="a folder for results is a path, not a NoneType"):
+        check_folder(None)
 
 
 def test_the_model_file_says_that_heat_took_no_part(found):

@@ -89,7 +89,7 @@ def test_semicolons_and_decimal_commas_are_told(tmp_path):
 def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):
     path = tmp_path / "poses.xlsx"
     path.write_bytes(b"no workbook")
-    with pytest.raises(TableError, match=r"(need the package openpyxl|cannot be read as Excel)") as caught:
+    with pytest.raises(TableError, match=r"(need the package openpyxl|is no Excel file, or a damaged one)") as caught:
         read_pose_lines(path)
     assert "\n" not in str(caught.value)
 

@@ -211,3 +211,16 @@ def test_two_joints_of_one_name_are_refused(folder):
     )
     with pytest.raises(DescriptionError, match="2 joints are called 'j'"):
         first_robot_file(path, folder)
+
+
+def test_limits_that_may_be_degrees_are_asked_about(folder):
+    """A URDF has rad; an arm's ±170 are then 27 turns to each side. A winch may turn so often, so it is a question."""
+    path = folder / "r.urdf"
+    turns = "".join(
+        f"<joint name='{name}' type='revolute'><parent link='{parent}'/><child link='{child}'/>"
+        f"<limit lower='{-limit}' upper='{limit}' effort='1' velocity='1'/></joint>"
+        for name, parent, child, limit in (("arm", "a", "b", 170.0), ("wrist", "b", "c", 6.28))
+    )
+    path.write_text(f"<robot name='r'><link name='a'/><link name='b'/><link name='c'/>{turns}</robot>", "utf-8")
+    asked = [line for line in first_robot_file(path, folder).splitlines() if "degrees" in line]
+    assert asked == ["# The URDF's limits of arm are -170 to 170 rad: are they degrees? A URDF has rad."]

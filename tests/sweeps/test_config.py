@@ -57,6 +57,7 @@ BAD = {
     "missing model": ({"layout": None, "model": "nowhere.yaml"}, "nowhere.yaml"),
     "unknown frame": ({"frames": ["ladle_lipp"]}, "did you mean 'ladle_lip'"),
     "frame elsewhere": ({"frames": ["leg1_foot"]}, "no frame 'leg1_foot'"),
+    "a grid as a product": ({"poses": {"grid": {"x": 1000, "y": 1000, "z": 2}}}, "a grid of 2,000,000 poses is too"),
     "two kinds of poses": ({"poses": {"grid": {}, "random": {"count": 1}}}, "exactly one of grid, random and file"),
     "more poses than any memory holds": (
         {"poses": {"random": {"count": 2_000_000_000}}},

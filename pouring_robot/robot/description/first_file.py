@@ -28,6 +28,8 @@ _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
 
 _TOGETHER = 1e-6  # m and rad
+_DEGREES_RAD = 30.0
+"""Limits beyond this, five turns, are asked about: no arm's joint has them in rad, every one in degrees."""
 _WORDS = r"true|false|yes|no|on|off|null|y|n|[.](\d.*|inf|nan)"  # that YAML takes for something else than text
 
 
@@ -85,6 +87,11 @@ class _Tree:
             if bounded and not lower <= 0.0 <= upper:
                 found[name] = (lower + upper) / 2.0
         return found
+
+    def degrees(self) -> dict[str, str]:
+        """Return the limits of joints, in words, that may be in degrees."""
+        turning = {name: joint_limits(joint) for name, joint in self.joints.items() if joint.get("type") == "revolute"}
+        return {name: f"{low:g} to {up:g} rad" for name, (low, up) in turning.items() if max(-low, up) > _DEGREES_RAD}
 
 
 def _link(joint: etree._Element, end: str) -> str:
@@ -144,6 +151,7 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         locked=locked,
         drives={name: _column(name, drives) for name in drives},
         homes=tree.homes(),
+        degrees=tree.degrees(),
     )
 
 
