@@ -11,9 +11,9 @@ Nothing here knows the robot.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from pouring_robot.inference.evidence import Beside, Gram, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.processes import Part, Process, against, between
+from pouring_robot.inference.processes import Channel, Part, Process, between
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
@@ -54,6 +54,9 @@ class Challenge:
 
 
 _NOTHING = Process("", "", {})
+_CHANNELS_AT_HAND = 12
+"""How many channels are held against everything before the first is forgotten: processes that share them are next to
+each other, and of many rows each takes much room."""
 _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
@@ -74,13 +77,14 @@ class _Seen:
         return self.process.lengths[self.length]
 
     @classmethod
-    def of(cls, process: Process, length: str, values: FloatArray, free: int) -> _Seen:
+    def of(cls, process: Process, length: str, against: Callable[[Channel], FloatArray], free: int) -> _Seen:
         """Return it beside what free unknowns explain.
 
-        Values (m, q) are their axes, so many, then the residual and the columns of the hypothesis, free of those.
+        A channel is held against values, (n, q): their axes, so many, then the residual and the columns of the
+        hypothesis, free of those.
         """
         parts = process.lengths[length]
-        values = against(parts, values).T
+        values = np.vstack([part.course.T @ against(part.channel) for part in parts]).T
         absorbed = values[:free]
         inner = between(parts, parts) - absorbed.T @ absorbed
         return cls(process, length, absorbed, inner, values[free], values[free + 1 :])
@@ -121,8 +125,9 @@ class Discrepancy:
         places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
         values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
+        against = lru_cache(_CHANNELS_AT_HAND)(lambda channel: channel.against(values))
         self._seen = {
-            process.name: [_Seen.of(process, length, values, nuisance.dof) for length in process.lengths]
+            process.name: [_Seen.of(process, length, against, nuisance.dof) for length in process.lengths]
             for process in processes
         }
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}

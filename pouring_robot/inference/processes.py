@@ -112,11 +112,6 @@ def _dense(course: Any) -> FloatArray:
     return np.asarray(course.toarray() if scipy.sparse.issparse(course) else course)
 
 
-def against(parts: Sequence[Part], values: FloatArray) -> FloatArray:
-    """Return the inner products of parts' columns with values (m, q): shape (k, q)."""
-    return np.vstack([part.course.T @ part.channel.against(values) for part in parts])
-
-
 def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
     """Return the inner products of two sets of columns, (k, l)."""
     columns = np.column_stack([second.channel.column for second in other])

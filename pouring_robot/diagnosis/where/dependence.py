@@ -1,5 +1,6 @@
 """What the disagreement depends on: the processes whose sum explains it, each in a sentence with its error."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -16,7 +17,8 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.arrays import rms
 
-_MOST, _NOISE_ROUNDS = 12, 3
+_MOST = 12
+_NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
 _MONOTONE = 0.8
 _MINOR = 0.25
 
@@ -25,19 +27,22 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
     """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
-    1963), so that the number of processes tried over B is a p-value.
+    1963), so that the number of processes tried over B is a p-value. A noise that is not known begins as the data have
+    it, and is what the processes leave.
     """
-    found: list[Summand] = []
-    for _ in range(1 if data.noise_known else _NOISE_ROUNDS):
-        data = data if data.noise_known else data.scaled(data.cleared - sum(item.part for item in found))
+    for turn in itertools.count(1):
         places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
         # Time says more than the order of the rows, and the same.
         processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
-        if not found:  # then all is noise, and is taken for it already
+        if data.noise_known or not found or turn == _NOISE_ROUNDS:
             break
+        left = data.scaled(data.cleared - sum(item.part for item in found))
+        if np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED):
+            break
+        data = left
     kinds: dict[tuple[str, bool], list[Summand]] = {}
     for item in found:
         of_drive = item.process.where in {drive.words for drive in given.robot.drives}

@@ -172,10 +172,11 @@ class Periodic(Family):
         """
         columns = conditions.places(self.drives)
         phases = [self._phase(conditions, d, k) for d, k in zip(self.drives, columns, strict=True)]
+        learned = self._learned(conditions)
         parameters = [
             of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)
             for order, size in enumerate(self.sizes, 1)
-            for d, phase, known in zip(self.drives, phases, self._learned(conditions), strict=True)
+            for d, phase, known in zip(self.drives, phases, learned, strict=True)
             for name, wave in _WAVES
         ]
         if not self.of_turn:  # a bent screw wobbles more the farther its nut is from the bearings
