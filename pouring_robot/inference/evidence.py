@@ -25,7 +25,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from scipy.special import logsumexp
 
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
@@ -273,7 +272,8 @@ def evidences(
     variance = np.exp(2.0 * LOG_SCALES)[:, None] * np.where(kept, squared, 0.0)[:, None]
     values = 0.5 * ((variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None])
     values = values.reshape(-1, projected.shape[1])
-    return np.asarray(logsumexp(values, axis=0) - np.log(len(values)))
+    peak = values.max(axis=0)
+    return np.asarray(peak + np.log(np.exp(values - peak).mean(axis=0)))  # of thousands SciPy's takes thrice as long
 
 
 def _grid(count: int, main: BoolArray | None, unit: float) -> tuple[list[Scale], FloatArray]:
