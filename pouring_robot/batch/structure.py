@@ -65,7 +65,11 @@ class Structure(ABC):
 
     @abstractmethod
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
+        """Return the values of joints of one freedom, (n,) each in m or rad, by name, from the engine's joints."""
+
+    @abstractmethod
+    def configurations(self, joints: FloatArray) -> FloatArray:
+        """Return Pinocchio configurations (n, nq) that hold the engine's joints, with which the loops close."""
 
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
@@ -133,6 +137,12 @@ class StarStructure(Structure):
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
         """Return the values of joints by name, as the base class, from joints by chain (n, chains, joints)."""
         return {name: joints[:, i, k] for i, names in enumerate(self.joint_names) for k, name in enumerate(names)}
+
+    def configurations(self, joints: FloatArray) -> FloatArray:
+        """Return configurations as the base class; the free body stands at zero, the loops put it where it is."""
+        neutral, values = self.mechanism.neutral_configuration(), self.joint_values(joints)
+        rows = (dict(zip(values, row, strict=True)) for row in np.transpose(list(values.values())).tolist())
+        return np.array([self.mechanism.with_joint_values(neutral, row) for row in rows]).reshape(-1, len(neutral))
 
 
 def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bool_] = np.float64) -> NDArray[Any]:

@@ -151,7 +151,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(robot.payload_frame).translation
     moved = engine.transfer(closed, drive_parameters(mechanism)).matrix
     share = by_a_newton(up_in_base(mechanism), moved, closed.rotation @ np.array(place))
-    forces = [own_force(mechanism, engine.structure.joint_values(closed.joints), len(rows)), share]
+    forces = [own_force(mechanism, engine.structure.configurations(closed.joints)), share]
     loads = campaign.conditions.get("payload")
     if loads is not None and np.isfinite(loads[rows]).any():
         forces.append(share * np.where(np.isfinite(loads[rows]), loads[rows], np.nanmean(loads[rows]))[:, None])

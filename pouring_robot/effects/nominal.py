@@ -30,7 +30,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         moved[:, :, len(drives) :],
         up_in_base(mechanism),
         _swings(mechanism, values, len(closure)),
-        own_force(mechanism, values, len(closure)) if own else None,
+        own_force(mechanism, engine.structure.configurations(closure.joints)) if own else None,
         mechanism.placement_on_end(robot.payload_frame).translation if own else None,
     )
 

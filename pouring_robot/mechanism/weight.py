@@ -1,7 +1,5 @@
 """What weight puts on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pinocchio as pin
 
@@ -31,21 +29,22 @@ def by_a_newton(up: FloatArray, moved: FloatArray, arm: FloatArray) -> FloatArra
     return np.asarray(-np.einsum("c,ncp->np", up, lifted))
 
 
-def own_force(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArray], rows: int) -> FloatArray:
-    """Return what the links' own weight puts on every drive, (n, D), in N and Nm, at joint values, (n,) each.
+def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> FloatArray:
+    """Return what the links' own weight puts on every drive, (n, D), in N and Nm, at or near configurations (n, nq).
 
     Pinocchio's generalised gravity is what the joints must give; the weight does the opposite to each drive, by the way
     in which it moves the joints.
     """
     model, drives = mechanism.shared_model, drive_parameters(mechanism)
-    data, neutral, solver = model.createData(), mechanism.neutral_configuration(), ClosureSolver(mechanism)
-    found = np.empty((rows, len(drives)))
+    data, solver = model.createData(), ClosureSolver(mechanism)
+    found = np.empty((len(configurations), len(drives)))
     # Without loops a drive moves its own joint and no other.
     moved = np.eye(model.nv)[:, [model.joints[model.getJointId(name)].idx_v for name in mechanism.loops.drives]]
-    for row in range(rows):
-        at = mechanism.with_joint_values(neutral, {name: float(course[row]) for name, course in values.items()})
+    for row, near in enumerate(configurations):
         if mechanism.anchors:
-            closed = solver.solve_from(at)
+            closed = solver.solve_from(near)
             at, moved = closed.configuration, closed_chain_transfer(solver, closed, drives).joints
+        else:
+            at = near
         found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, at)
     return found

@@ -1,6 +1,7 @@
 """The general engine: the same as the star's where both fit, and mechanisms that only it takes."""
 
 import pickle
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +15,7 @@ from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import PayloadParameter, PlacementParameter, drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.mechanism.weight import own_force
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -79,9 +81,10 @@ def joints_at(drives, tip):
     return values
 
 
-def five_bar_3d():
+def five_bar_3d(elbows="revolute"):
     """Return a five-bar that is no star: two chains whose tips meet in a point, one of them the end."""
     urdf = planar_urdf("five_bar", [("a", 0.0, [CRANKS[0], COUPLERS[0]]), ("b", GROUND, [CRANKS[1], COUPLERS[1]])])
+    urdf = re.sub('(_j2" type=)"revolute"', rf'\1"{elbows}"', urdf)
     loops = LoopsFile(
         base_frame="ground",
         end_frame="a_tip",
@@ -158,6 +161,23 @@ def test_a_five_bar_with_a_3d_loop_is_where_its_circles_meet(planar):
     expected = np.array([tip_of(values) for values in drives])
     np.testing.assert_allclose(closed.position[:, [0, 2]], expected, rtol=0, atol=1e-12)
     np.testing.assert_allclose(closed.position[:, 1], 0.0, rtol=0, atol=1e-12)
+
+
+def test_joints_without_limits_stand_where_those_with_limits_do(planar):
+    """Pinocchio stores them as cosine and sine; weight is worked out in the same assembly mode."""
+    engine, home, _ = planar
+    free = engine_for(five_bar_3d("continuous"))
+    assert free.structure.mechanism.shared_model.nq == engine.structure.mechanism.shared_model.nq + 2
+    drives, found = home + np.random.default_rng(7).uniform(-0.4, 0.4, (5, 2)), []
+    for one in (engine, free):
+        starts = HomotopyStarts(one, joints_at(home, tip_of(home))).starts(drives)
+        structure, joints = one.structure, one.close(drives, starts).require_all().joints
+        found.append((structure.joint_values(joints), own_force(structure.mechanism, structure.configurations(joints))))
+    (values, force), (free_values, free_force) = found
+    assert values.keys() == free_values.keys()
+    for name, course in values.items():
+        np.testing.assert_allclose(free_values[name], course, rtol=0, atol=SAME)
+    np.testing.assert_allclose(free_force, force, rtol=SAME)
 
 
 def displaced(mechanism, joints, errors):

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchCommand, BatchStart, HomotopyStarts, StarStructure, engine_for
+from pouring_robot.batch import BatchCommand, BatchStart, HomotopyStarts, engine_for
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -78,7 +78,4 @@ class HomeDrawing:
         start, structure = self.starts(drives[None]), self._followed.engine.structure
         if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
-        if not isinstance(structure, StarStructure):
-            return np.asarray(start.joints[0])
-        values = {name: float(course[0]) for name, course in structure.joint_values(start.joints).items()}
-        return self.mechanism.with_joint_values(self.mechanism.neutral_configuration(), values)
+        return np.asarray(structure.configurations(start.joints)[0])
