@@ -39,6 +39,8 @@ LEAST_FACTOR = 2.0
 """A data sheet's figure is not better known."""
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
+_STILL_M = 1e-9  # positions that vary by less stand still
+_DEGREE = math.pi / 180.0
 _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 
@@ -162,10 +164,11 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
 
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
     """Yield what is linear and quadratic in positions (n, 3), (n,) each: such as guides that bow."""
-    spread = np.maximum(np.ptp(position_m, axis=0), 1e-300)
-    x = 2.0 * (position_m - position_m.mean(axis=0)) / spread
+    spread = np.ptp(position_m, axis=0)
+    varied = position_m[:, spread > _STILL_M]  # else round-off would be made large
+    x = 2.0 * (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0)
     yield from x.T
-    yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(3), 2))
+    yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(x.shape[1]), 2))
 
 
 def _conditions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
@@ -182,23 +185,34 @@ def _conditions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
 def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:
     """Yield drives that are given in steps, if errors as large as half a step are there."""
     names = columns.drive_names(campaign.robot)
-    steps = np.array([_step(campaign.drives[campaign.usable, k]) for k in range(len(names))])
-    for step in np.unique(steps[steps > 0.0]).tolist():
-        drives = np.flatnonzero(steps == step)
+    given = zip(campaign.drives[campaign.usable].T, campaign.robot.drives, strict=True)
+    steps = [_step(values, drive.unit) for values, drive in given]
+    for step, said in dict.fromkeys(one for one in steps if one[0] > 0.0):
+        drives = np.array([k for k, one in enumerate(steps) if one == (step, said)])
         variances = [step**2 / 12.0 * float(one.by_drives[drives].sum()) for one in scatters]
         c = int(np.argmax(variances))
         if variances[c] > LEAST_FACTOR**2 and scatters[c].factor ** 2 > 1.0 + 0.5 * variances[c]:
             unit, si = shown_in(campaign.robot.drives[drives[0]].unit)
             headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
             message = (
-                f"rounded to {step / si:g} {unit}: {headings}; that alone is {math.sqrt(variances[c]):.2g} times the "
-                "stated noise, and the measurements scatter so"
+                f"rounded to {said}: {headings}; that alone is {math.sqrt(variances[c]):.2g} times the stated noise, "
+                "and the measurements scatter so"
             )
             figures = {f"step_{unit}": step / si}
             yield found(campaign, FlagCode.ROUNDED_DRIVES, message, (), [names[k] for k in drives], figures)
 
 
-def _step(values: FloatArray) -> float:
+def _step(values: FloatArray, unit: str) -> tuple[float, str]:
+    """Return the largest step that all values are multiples of, in m or rad, and in words; 0: none is."""
+    shown, si = shown_in(unit)
+    steps = [(_round_step(values) / si, shown, si)]
+    if unit == "rad":
+        steps.append((_round_step(values / _DEGREE), "deg", _DEGREE))
+    step, shown, si = max(steps, key=lambda one: one[0] * one[2])
+    return step * si, f"{step:g} {shown}"
+
+
+def _round_step(values: FloatArray) -> float:
     """Return the largest step of 1, 2 or 5 times a power of ten that all values are multiples of; 0: none is."""
     known = values[np.isfinite(values)]
     for power in range(0, -7, -1):

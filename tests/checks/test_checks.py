@@ -12,6 +12,7 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.columns import _roughness, _time
 from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
+from pouring_robot.checks.noise import _bends
 from pouring_robot.exceptions import CampaignError
 from scripts.studies.wrong_data import sound
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure
@@ -103,6 +104,7 @@ DAMAGES = {
     "rounded_drives": [
         lambda c: damaged(c, drives=lambda v: np.column_stack([np.round(v[:, :3], 3), v[:, 3]])),
         lambda c: damaged(c, drives=lambda v: np.column_stack([v[:, :3], np.round(v[:, 3], 3)])),
+        lambda c: damaged(c, drives=lambda v: np.column_stack([v[:, :3], np.round(v[:, 3] / DEG, 1) * DEG])),
     ],
     "euler_angles": [
         euler("xyz"),
@@ -420,6 +422,15 @@ def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
     plan = dataclasses.replace(plan, drives=drives, poses=tuple(drives))
     settings = MeasurementOptions(sigma_position_m=SIGMA_M, sigma_rotation_rad=SIGMA_RAD, seed=3)
     assert check_campaign(simulate_campaign(drawing, plan, settings).campaign, drawing.kinematics) == []
+
+
+def test_a_coordinate_that_stands_still_bends_nothing():
+    """A gantry holds z to round-off, which must not be made large."""
+    random = np.random.default_rng(0)
+    flat = np.column_stack([random.uniform(-1.0, 1.0, (30, 2)), 0.7 + 1e-16 * random.normal(size=30)])
+    bends = np.array(list(_bends(flat)))
+    assert bends.shape == (2 + 3, 30)
+    assert np.abs(bends).max() <= 4.0
 
 
 @pytest.mark.parametrize("factor", [0.1, 3.0, 10.0])
