@@ -16,6 +16,12 @@ _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
+_ATTITUDE = 3
+"""As many columns that nobody knows may be a rotation, as angles or as a quaternion."""
+_AS_ROTATION_VECTOR = (
+    "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
+    "Rotation.from_quat([x, y, z, w]).as_rotvec()); else all is well"
+)
 _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled column it is one half
 
 
@@ -238,9 +244,13 @@ def _temperatures(campaign: Campaign) -> Iterator[DataFlag]:
 def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
     if campaign.ignored_columns:
         names = ", ".join(f"'{name}'" for name in campaign.ignored_columns[:8])
-        message = f"columns that are no part of a campaign were left out: {names}"
+        message, severity, remedy = f"columns that are no part of a campaign were left out: {names}", Severity.NOTE, ""
+        if campaign.position_measured.any() and not campaign.full_pose and len(campaign.ignored_columns) >= _ATTITUDE:
+            message += "; no rotation was read"
+            severity, remedy = Severity.WARNING, _AS_ROTATION_VECTOR
+        flag = found(campaign, FlagCode.IGNORED_COLUMNS, message, severity=severity, remedy=remedy)
         # They are headings, not quantities.
-        yield replace(found(campaign, FlagCode.IGNORED_COLUMNS, message), columns=campaign.ignored_columns)
+        yield replace(flag, columns=campaign.ignored_columns)
 
 
 def _values(campaign: Campaign, name: str) -> FloatArray:

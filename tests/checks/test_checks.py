@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign, examine
-from pouring_robot.checks.columns import _roughness, _time
+from pouring_robot.checks.columns import _roughness, _time, check_columns
 from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
 from pouring_robot.checks.noise import _bends
 from pouring_robot.exceptions import CampaignError
@@ -431,6 +431,18 @@ def test_a_coordinate_that_stands_still_bends_nothing():
     bends = np.array(list(_bends(flat)))
     assert bends.shape == (2 + 3, 30)
     assert np.abs(bends).max() <= 4.0
+
+
+def test_columns_that_may_be_a_quaternion_are_not_left_out_without_a_word(real):
+    """Where no rotation was read they are a warning, which a diagnosis repeats."""
+    unread = dataclasses.replace(real.campaign, ignored_columns=("qw", "qx", "qy", "qz"))
+    severities = []
+    for campaign in (unread, dataclasses.replace(unread, rotation_vector_rad=None)):
+        (flag,) = (f for f in check_columns(campaign) if f.code is FlagCode.IGNORED_COLUMNS)
+        severities.append(flag.severity)
+    assert severities == ["note", "warning"]
+    assert "no rotation was read" in flag.message
+    assert "as_rotvec" in flag.remedy
 
 
 @pytest.mark.parametrize("factor", [0.1, 3.0, 10.0])
