@@ -32,7 +32,7 @@ from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError, FrameFitError
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -149,7 +149,24 @@ class FrameChecks:
         if rows.size:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
             names = columns.drive_names(self.campaign.robot)
+            if wound := self._whole_turns_beyond(rows):
+                names = tuple(self.campaign.robot.drives[k].column for k in wound)
+                headings = ", ".join(f"'{self.campaign.heading(name)}'" for name in names)
+                several = len(names) > 1
+                message += f": there {headings} stand{'s' * (not several)} whole turns beyond the limits of the "
+                message += f"joint{'s' * several}, as encoders that wrap do; count on within them"
             self._found(FlagCode.UNREACHABLE_DRIVES, message, names, {"rows": float(rows.size)}, rows)
+
+    def _whole_turns_beyond(self, rows: Indices) -> list[int]:
+        """Return the drives that whole turns would bring within their limits in all of some rows; none if not all."""
+        values = self.data.drives[rows]
+        turns = np.array([2.0 * np.pi if drive.unit == "rad" else np.inf for drive in self.campaign.robot.drives])
+        with np.errstate(invalid="ignore"):  # a slide without limits
+            up, down = np.ceil((self._lower - values) / turns), np.floor((self._upper - values) / turns)
+        beyond = (values < self._lower - _LIMIT_SLACK) | (values > self._upper + _LIMIT_SLACK)
+        if not beyond.any(axis=1).all() or (beyond & (np.isinf(turns) | (up > down))).any():
+            return []
+        return np.flatnonzero(beyond.any(axis=0)).tolist()
 
     def _beyond(self, data: Comparison) -> BoolArray:
         """Return the rows of which a drive is beyond its limits, (n,)."""

@@ -161,6 +161,19 @@ def test_turning_drives_that_count_from_another_zero(machine, turn):
     assert f"at {turn}° (zero: {np.radians(turn):.6g})" in flag.message
 
 
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
+def test_an_encoder_that_wraps_is_told(machine):
+    """A joint that is counted from 0° to 360° stands a turn beyond its limits in half of the rows."""
+    wound = (
+        np.where(machine.campaign.drives[:, 1:2] < 0.0, 2.0 * np.pi, 0.0)
+        * np.eye(len(machine.campaign.robot.drives))[1]
+    )
+    (flag,) = check_campaign(damaged(machine.campaign, drives=machine.campaign.drives + wound), machine.drawing)
+    assert flag.code == "unreachable_drives"
+    assert flag.columns == (machine.campaign.heading(machine.campaign.robot.drives[1].column),)
+    assert "stands whole turns beyond the limits of the joint" in flag.message
+
+
 def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
     """Of three slides at right angles any exchange or sign is a change of frames; where they can go tells."""
     exchanged = damaged(gantry.campaign, drives=gantry.campaign.drives[:, [1, 0, 2]])
