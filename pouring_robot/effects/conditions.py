@@ -70,7 +70,8 @@ class Conditions:
     time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
     time_known: bool  # whether there was a time column
     swing_rad: FloatArray | None = None  # of the joint about which each drive's chain swings, (n, D); NaN without one
-    approach: FloatArray | None = None  # side each drive was approached from, (n, D), +1 or -1
+    # side each drive was approached from, (n, D), +1 or -1; 0 where it is said of others only
+    approach: FloatArray | None = None
     weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
     # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
     # puts there.
@@ -264,7 +265,9 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
     warm = {member: whole(member) for member in thermometers if member in campaign.conditions}
     travels = {name: whole(name) for name in robot.travels}
-    sides = [side for side in map(whole, approach_names(robot)) if side is not None]
+    sides = [whole(name) for name in approach_names(robot)]
+    told_side = any(side is not None for side in sides)
+    unsaid = np.zeros(len(campaign))
     return Conditions(
         robot=robot,
         drives=np.array(campaign.drives),
@@ -274,7 +277,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
         swing_rad=nominal.swing_rad,
-        approach=np.column_stack(sides) if len(sides) == len(robot.drives) else None,
+        approach=np.column_stack([unsaid if s is None else s for s in sides]) if told_side else None,
         weight_n=weight,
         drive_force=force,
         force_by_weight=by_weight,

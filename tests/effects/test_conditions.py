@@ -68,11 +68,13 @@ def test_entry_that_is_not_said(bench, entry, expected):
     assert untestable(bench.rows_of(campaign).conditions) == expected
 
 
-def test_one_empty_column_of_several_is_an_absent_one(bench):
+def test_sides_of_approach_count_where_they_are_known(bench):
+    """An empty column of several takes nothing from the others; all empty are an absent condition."""
     values = np.array(bench.campaign.approach)
-    values[:, 2] = np.nan
-    campaign = dataclasses.replace(bench.campaign, approach=values)
-    assert untestable(bench.rows_of(campaign).conditions) == UNTESTABLE["approach"]
+    for empty, expected in (([2], set()), ([0, 1, 2, 3], UNTESTABLE["approach"])):
+        values[:, empty] = np.nan
+        campaign = dataclasses.replace(bench.campaign, approach=np.array(values))
+        assert untestable(bench.rows_of(campaign).conditions) == expected
 
 
 def test_missing_says_which_condition(bench):

@@ -172,6 +172,22 @@ def test_backlash_on_one_side_leaves_the_other_alone(bench):
             assert np.allclose(change[side[:, k] != idle], -1e-3 * idle)
 
 
+def test_backlash_is_asked_of_drives_whose_side_is_known(bench):
+    """A campaign may tell it of one drive only, or leave the others' columns empty."""
+    backlash, campaign = EFFECTS["drive_backlash"], bench.campaign
+    partly = np.where(np.arange(4) == 1, campaign.approach, np.nan)
+    given = bench.rows_of(replace(campaign, approach=partly)).conditions
+    assert not backlash.missing(given)
+    for form in backlash.forms(given):
+        assert {p.name.split("_")[0] for p in form.parameters} == {"l2"}
+    first, *_ = backlash.form("both_sides", given).parameters
+    whole = {p.name: p for p in backlash.form("both_sides", bench.rows.conditions).parameters}
+    assert first.name == "l2_play"
+    np.testing.assert_array_equal(first.changes[CHANNELS[1]], whole["l2_play"].changes[CHANNELS[1]])
+    unknown = bench.rows_of(replace(campaign, approach=np.full_like(campaign.approach, np.nan))).conditions
+    assert backlash.missing(unknown) == ("approach",)
+
+
 def test_backlash_without_loads_has_no_load_parameters(bench):
     """The payload is not needed; without it the play cannot depend on it."""
     names = [p.name for p in EFFECTS["drive_backlash"].form("both_sides", bench.without("payload")).parameters]

@@ -198,12 +198,23 @@ class LostMotion(Family):
     needs, shaped_by = ("approach",), ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
 
+    def _told(self, conditions: Conditions) -> tuple[Drive, ...]:
+        """Return the drives of which it is known from where they came."""
+        if conditions.approach is None:
+            return ()
+        places = zip(self.drives, conditions.places(self.drives), strict=True)
+        return tuple(drive for drive, k in places if conditions.approach[:, k].any())
+
+    def missing(self, conditions: Conditions) -> tuple[str, ...]:
+        """As of every effect; of drives whose side nobody knows nothing is said."""
+        return super().missing(conditions) or (() if self._told(conditions) else self.needs)
+
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke.
 
         Free play itself lies on the flank that the force presses it to, where friction does not hold it (``pressed``).
         """
-        side, drives, loaded = np.asarray(conditions.approach), self.drives, _loaded(conditions)
+        side, drives, loaded = np.asarray(conditions.approach), self._told(conditions), _loaded(conditions)
         sliding = tuple(d for d in drives if d.unit == "m")
         stroke = (conditions.drives - self.middle_m) / self.half_stroke_m
         shapes = [(sliding, "play_by_length", self._WORN, stroke), (sliding, "play_by_length_2", self._WORN, stroke**2)]
@@ -235,13 +246,14 @@ class LostMotion(Family):
         Usual is what drives of its unit carry on average: alike nuts have like friction. Below, the nut lies where
         friction drags it.
         """
-        places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
+        drives = self._told(conditions)
+        places, units = conditions.places(drives), np.array([drive.unit for drive in drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
         force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9)
         dragged = np.asarray(conditions.approach)[:, places]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
-        play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
+        play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(drives))
         return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
 
 
