@@ -18,7 +18,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.processes import processes_of, varied
+from pouring_robot.diagnosis.processes import poses, processes_of, varied
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
@@ -161,7 +161,9 @@ def diagnose(
     found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):
         row = found.after.fitted_rows.row
-        more = gross_errors(found.hypothesis.remainder, row, found.fitted, found.outliers.size)
+        given = found.diagnoser.rows.conditions
+        courses = poses(given), given.time_s[:, None]
+        more = gross_errors(found.hypothesis.remainder, row, found.fitted, found.outliers.size, courses)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)

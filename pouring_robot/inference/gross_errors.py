@@ -1,16 +1,22 @@
 """Gross errors: single rows that nothing explains while nearly all others are explained better."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.spatial import KDTree
+from scipy.special import bdtrc, ndtri
 
 from pouring_robot.mechanism.arrays import FloatArray
 
 _SIGMAS = 6.5
 """Of a million normal values one is beyond 4.9; this leaves room for tails that are no longer normal."""
-_MOST_SHARE, _FEW = 0.04, 2
+_FEW_SHARE, _FEW = 0.04, 2
+"""So few rows, or so many of a small campaign, are single ones wherever they are."""
 _CALM = 1.5
 _SHARE = 0.9
+_TOGETHER = 0.01
+"""Probability, over all courses, that scattered rows are taken for rows that lie together."""
 
 
 def calm(left: FloatArray) -> bool:
@@ -21,17 +27,21 @@ def calm(left: FloatArray) -> bool:
     return float(np.median(np.abs(left)) / ndtri(0.75)) < _CALM
 
 
-def gross_errors(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_], gone: int) -> NDArray[np.intp]:
+def gross_errors(
+    left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_], gone: int, courses: Sequence[FloatArray]
+) -> NDArray[np.intp]:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
-    out: rows count by what nine tenths of them stay below.
+    out: rows count by what nine tenths of them stay below. Up to the last tenth may be wrong; where they are more than
+    a few they must be scattered, as something unknown comes in some place or for some time.
 
     Args:
         left: what nothing explains of the fitted rows, in units of the noise, (m,).
         row: row of each of these, (m,), of all n.
         fitted: which rows are fitted, (n,).
         gone: how many rows are left out already.
+        courses: along which something unknown may come, such as pose and time, (n, k) each.
     """
     worst = np.zeros(len(fitted))
     np.maximum.at(worst, row, np.abs(left))
@@ -39,5 +49,18 @@ def gross_errors(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.boo
     # The largest of so many normal values stays below this in nine rows of ten.
     usual = float(ndtri(0.5 + 0.5 * _SHARE ** (1.0 / components)))
     wrong = np.flatnonzero(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], _SHARE)) / usual))
-    few = wrong.size + gone <= max(_FEW, int(_MOST_SHARE * len(fitted)))
-    return wrong if few else np.zeros(0, dtype=np.intp)
+    count = wrong.size + gone
+    if count <= max(_FEW, int(_FEW_SHARE * len(fitted))):
+        return wrong
+    scattered = count <= (1.0 - _SHARE) * len(fitted) and not any(
+        _together(wrong, course) < _TOGETHER / len(courses) for course in courses
+    )
+    return wrong if scattered else np.zeros(0, dtype=np.intp)
+
+
+def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:
+    """Return the probability that so many of some rows have one of them for their nearest neighbour by chance."""
+    neighbours = KDTree(course).query(course[wrong], k=2)[1]
+    nearest = np.where(neighbours[:, 0] == wrong, neighbours[:, 1], neighbours[:, 0])
+    count, share = int(np.isin(nearest, wrong).sum()), (wrong.size - 1) / (len(course) - 1)
+    return float(bdtrc(count - 1, wrong.size, share)) if count else 1.0

@@ -1,0 +1,44 @@
+"""Which rows are gross errors: few, or scattered ones."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from pouring_robot.inference.gross_errors import _together, gross_errors
+
+COUNT, COMPONENTS, OFF = 120, 6, 20.0
+
+
+def found(wrong, places, rng):
+    """Return the rows that are left out of rows of noise, of which some are off."""
+    left = rng.normal(size=(COUNT, COMPONENTS))
+    left[wrong, 0] += OFF
+    rows = np.repeat(np.arange(COUNT), COMPONENTS)
+    return gross_errors(left.ravel(), rows, np.ones(COUNT, dtype=bool), 0, places).tolist()
+
+
+@pytest.fixture
+def places(rng):
+    """Return poses at random, and the order of the rows."""
+    return rng.uniform(size=(COUNT, 3)), np.arange(COUNT, dtype=float)[:, None]
+
+
+def test_up_to_a_tenth_of_scattered_rows_are_left_out(rng, places):
+    scattered = np.arange(5, COUNT, 11)  # 11 rows
+    assert found(scattered, places, rng) == scattered.tolist()
+    assert found(np.arange(5, COUNT, 8), places, rng) == [], "more than a tenth"
+
+
+def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
+    poses, order = places
+    near = np.sort(np.argsort(np.linalg.norm(poses - poses[0], axis=1))[:9])
+    for together in (near, np.arange(40, 49)):
+        assert found(together, (poses, order), rng) == []
+        assert found(together[:4], (poses, order), rng) == together[:4].tolist()
+
+
+def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
+    """Gaps grow, so that each row's nearest neighbour is the one before it."""
+    growing, wrong = 1.1 ** np.arange(50)[:, None], np.array([3, 4, 20, 31])
+    assert _together(wrong, growing) == pytest.approx(binom.sf(0, 4, 3 / 49), rel=1e-12)
+    assert _together(np.array([3, 20, 31]), growing) == 1.0
