@@ -8,6 +8,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
@@ -23,6 +24,8 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
+_GAP = 1.2
+"""How many times the noise a gap must be: of one that is hardly there a share says nothing."""
 
 
 def plain(name: str) -> str:
@@ -98,11 +101,24 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     text = f"{name[0].upper()}{name[1:]}{diagnosis.noise.unseen(gap.seen)}: {'; '.join(said)}"
     if diagnosis.refused:
         return f"{text}. The model is not amended."
-    # Of a gap that is hardly there, a share says nothing.
-    of = " in position" if rotated else ""
-    share = "all" if gap.closed > 0.995 else f"{100.0 * gap.closed:.0f} %"
-    closed = f" ({share} of the gap{of} closed)" if before > 1.2 * floor else ""
-    return f"{text}{closed}.{_in_turn_text(diagnosis)}"
+    return f"{text}{_closed_text(diagnosis, gap)}.{_in_turn_text(diagnosis)}"
+
+
+def _closed_text(diagnosis: Conclusions, gap: Gap) -> str:
+    """Return how much of the gap is closed, in position or else in rotation; "" where there hardly is one."""
+    sizes = {
+        kind: [size(which) for which in ("before", "after", "floor")]
+        for kind, size in (("position", gap.position), ("rotation", gap.rotation))
+        if math.isfinite(size("before"))
+    }
+    clear = [kind for kind, (before, _, floor) in sizes.items() if before > _GAP * floor]
+    if not clear or diagnosis.verdict == "no_gap":
+        return ""
+    kind = clear[0]
+    before, after, floor = sizes[kind]
+    closed = (before - after) / (before - floor)
+    share = "all" if closed > 0.995 else f"{100.0 * closed:.0f} %"
+    return f" ({share} of the gap{f' in {kind}' if len(sizes) > 1 else ''} closed)"
 
 
 def worse_sentence(diagnosis: Conclusions) -> str:
