@@ -249,6 +249,10 @@ def test_words_name_what_the_campaign_held_still(confounded):
     words = separating_words("drive_zero_offset", "drive_backlash", effects, conditions)
     assert words == "measure the same poses from both sides of every drive"
     assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions)
+    by_pose = "joint_centre_offset", "joint_axis_tilt"
+    assert "workspace" in separating_words(*by_pose, effects, conditions)
+    assert separating_words(*by_pose, effects, conditions, tells=False).startswith("no pose tells them apart")
+    assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions, tells=False)
 
 
 def test_what_to_record_is_said_once_a_condition():

@@ -29,6 +29,7 @@ LITTLE_NATS = 3.0
 _NO_NATS = 0.05
 """What tells less tells nothing: it is said as 0.0."""
 _CANDIDATES = 75
+_ALIKE = "no pose tells them apart: of what is measured they do the same"
 _OPEN = "measure where the two predict most apart: the poses listed"
 
 
@@ -182,7 +183,7 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
             evidence[a] - evidence[b],
             float(grown[k]),
             float(by_luck[k]),
-            separating_words(*names[k], effects, conditions),
+            separating_words(*names[k], effects, conditions, tells=grown[k] >= _NO_NATS),
         )
         for k, (a, b) in enumerate(pairs)
     )
@@ -236,13 +237,20 @@ def _measurement(
     )
 
 
-def separating_words(first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions) -> str:
-    """Return how to tell two explanations, effects or not, apart: by what was held still, else by what differs."""
+def separating_words(
+    first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions, *, tells: bool = True
+) -> str:
+    """Return how to tell two explanations, effects or not, apart: by what was held still, else by what differs.
+
+    ``tells`` says whether poses tell them apart at all: a zero and a joint that is turned about its axis are the same.
+    """
     both = [effects[name] for name in (first, second) if name in effects]
     ways = [(effect.driver, effect.separation(conditions)) for effect in both]
     known = [(driver, how) for driver, how in ways if how]
     still = [how for driver, how in known if held_still(driver, conditions)]
     free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]
+    if not (still or free or tells):
+        return _ALIKE
     chosen = still or free or [how for _, how in known]
     return "; ".join(dict.fromkeys(chosen)) or _OPEN
 
