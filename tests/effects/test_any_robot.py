@@ -163,7 +163,9 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
     values = {f"{drive.symbol}_scale": 0.098, f"{drive.symbol}_progression": 0.020}  # mm/m, mm/m²
     stds = dict.fromkeys(values, 0.006 * known_to)
-    (said,) = Scale("drive_scale", "", (drive,), build_up=True).in_words(values, stds)
+    (said,) = Scale("drive_scale", "", (drive, replace(drive, joint="other", symbol="other")), build_up=True).in_words(
+        values, stds
+    )
     assert said == f"{drive.words}: its lead is {lead} (95 %)"
     by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
     (said,) = Scale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)

@@ -64,6 +64,8 @@ class Scale(Family):
         lines = []
         for drive in self.drives:
             names = ((1.0, f"{drive.symbol}_scale"), (2.0, f"{drive.symbol}_progression"))
+            if not any(name in values for _, name in names):  # a form of another drive alone
+                continue
             # Relative, each with its standard deviation; the lead is the derivative of the error by the length.
             lead, more = (MM * k * np.array([told.get(n, 0.0) for told in (values, stds)]) for k, n in names)
             per, unit = (1e6, "ppm") if Z95 * lead[1] < _FINE else (100.0, "%")
