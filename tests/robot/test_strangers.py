@@ -224,3 +224,27 @@ def test_limits_that_may_be_degrees_are_asked_about(folder):
     path.write_text(f"<robot name='r'><link name='a'/><link name='b'/><link name='c'/>{turns}</robot>", "utf-8")
     asked = [line for line in first_robot_file(path, folder).splitlines() if "degrees" in line]
     assert asked == ["# The URDF's limits of arm are -170 to 170 rad: are they degrees? A URDF has rad."]
+
+
+def test_a_tool_stands_before_the_fingers_that_move_more_and_limits_are_asked_for(folder):
+    """Of leaves with usual names the likeliest is the end frame; what merely has the letters in it is not one."""
+    path = folder / "r.urdf"
+    joints = (
+        ("arm", "revolute", "base", "wrist"),
+        ("mount", "fixed", "wrist", "tool0"),
+        ("grip", "prismatic", "wrist", "finger"),
+        ("roll", "revolute", "finger", "wheel"),
+    )
+    made = "".join(
+        f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/>"
+        f"<limit lower='0' upper='1' effort='1' velocity='1'/></joint>"
+        for name, kind, parent, child in joints
+    )
+    links = "".join(f"<link name='{name}'/>" for name in ("base", "wrist", "tool0", "finger", "wheel"))
+    path.write_text(f"<robot name='r'>{links}{made}</robot>", "utf-8")
+    assert "\nend_frame: tool0" in first_robot_file(path, folder)
+    path.write_text(
+        path.read_text("utf-8").replace("<limit lower='0' upper='1' effort='1' velocity='1'/>", "", 1), "utf-8"
+    )
+    with pytest.raises(DescriptionError, match="joint 'arm': it has no limits; give it some, or the type 'continuous'"):
+        first_robot_file(path, folder)

@@ -22,7 +22,7 @@ from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, joint_limits, parsed
+from pouring_robot.robot.description.urdf import carriers, check_sound, joint_limits, parsed
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -41,6 +41,7 @@ class _Tree:
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
             raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
+        check_sound(self.root, path)
         name, times = Counter(str(joint.get("name")) for joint in joints).most_common(1)[0]
         if times > 1:
             raise DescriptionError(path, f"{times} joints are called '{name}'; each needs a name of its own")
@@ -68,13 +69,16 @@ class _Tree:
         return [str(joint.get("name")) for joint in way if joint.get("type") != "fixed"]
 
     def ends(self) -> list[str]:
-        """Return the links at which the tree ends, the one that moves most first; of equals, a usual tool's name."""
+        """Return the links at which the tree ends: one with a usual tool's name first, else that which moves most.
+
+        The fingers of a gripper move more than the tool between them.
+        """
         parents = {_link(joint, "parent") for joint in self.joints.values()}
         leaves = [link for link in self.above if link not in parents and self.moving(link)]
 
         def rank(link: str) -> tuple[int, int]:
-            names = [k for k, name in enumerate(_TOOLS) if name in link.lower()]
-            return -len(self.moving(link)), min(names, default=len(_TOOLS))
+            names = [k for k, name in enumerate(_TOOLS) if re.search(rf"(^|[^a-z]){name}([^a-z]|$)", link.lower())]
+            return min(names, default=len(_TOOLS)), -len(self.moving(link))
 
         return sorted(leaves, key=rank)
 

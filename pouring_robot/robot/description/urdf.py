@@ -114,6 +114,8 @@ def _fault(part: etree._Element) -> str:
         kind, axis, (lower, upper) = part.get("type"), joint_axis(part), joint_limits(part)
         if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
             return "it has no direction; give its axis three numbers, not all zero"
+        if kind in ("revolute", "prismatic") and part.find("limit") is None:
+            return "it has no limits; give it some, or the type 'continuous' where it turns without end"
         if kind in ("revolute", "prismatic") and lower > upper:
             return f"limits {lower:g} to {upper:g} (m, rad); exchange them"
     mass = part.find("inertial/mass") if part.tag == "link" else None
