@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.diagnosis.amend import amended as amended_model
-from pouring_robot.diagnosis.discrepancy import Discrepancy, discrepancies
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.remainder import Remainder
 from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
 from pouring_robot.diagnosis.where.where import Where, disagreements
 from pouring_robot.effects.base import EffectParameter
@@ -49,9 +49,9 @@ class Conclusions(Findings):
         return np.asarray(with_all.position_m - without.position_m)
 
     @cached_property
-    def discrepancies(self) -> tuple[Discrepancy, ...]:
-        """The clearest structure that is left."""
-        return tuple(discrepancies(self))
+    def remainder(self) -> tuple[Remainder, ...]:
+        """The structure that is left, largest first; nothing where none counts."""
+        return tuple(Remainder.of(self, structure) for structure in self.judgement.remainder)
 
     @cached_property
     def suggestion(self) -> Suggestion:

@@ -12,7 +12,6 @@ import pytest
 from lxml import etree
 
 from pouring_robot.checks.flags import FlagCode, Severity
-from pouring_robot.diagnosis.discrepancy import discrepancies
 from pouring_robot.diagnosis.gap import in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.notes import note_lines
@@ -194,7 +193,7 @@ def test_a_step_is_found_with_its_line_and_size(excluded):
     """From line 42 on the tracker sees everything 1 mm higher: nothing in the library does that."""
     found = excluded
     assert found.judgement.verdict == "unknown"
-    described_ = [item for item in discrepancies(found) if item.step_after is not None]
+    described_ = [item for item in found.remainder if item.step_after is not None]
     (item,) = described_[:1]
     assert item.structure.process.by in {"time", "order"}
     assert item.component == "z"

@@ -317,7 +317,7 @@ def test_what_each_row_leaves_over_makes_the_gap(hot):
 def test_the_thresholds_given_decide_what_is_told(excluded):
     """What counts as structure and what as beaten follows from the thresholds of the diagnosis, here from none."""
     deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
-    assert excluded.discrepancies
+    assert excluded.remainder
     assert deaf.clear_structures == tuple(s for s in deaf.structures if s.evidence > deaf.least_evidence)
     keen = Thresholds(false_names=1e308)
     beaten = replace(excluded, judgement=replace(excluded.judgement, thresholds=keen))

@@ -135,7 +135,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "worse": diagnosis.worse,
         "reasons": list(judgement.reasons),
         "misfit": diagnosis.misfit,
-        "remainder": [item.as_json() for item in diagnosis.discrepancies],
+        "remainder": [item.as_json() for item in diagnosis.remainder],
         "challenges": [
             {"effect": cause.effect, "description": found.process.name, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.discrepancy import parts_by_row
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.effects.base import Effect, EffectParameter, channel
@@ -319,11 +318,9 @@ def _discrepancy(diagnosis: Conclusions) -> str:
         chosen = are(kind, linear.component) & shown[linear.row]
         if chosen.any():
             left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=kind)
-    if diagnosis.discrepancies:
-        first = diagnosis.discrepancies[0]
-        table = parts_by_row(diagnosis, first.structure)
-        worst = next(k for k in range(table.shape[1]) if component_name(k) == first.component)
-        values = table[:, worst] / diagnosis.rows.measured.sigma[worst]
+    if diagnosis.remainder:
+        first = diagnosis.remainder[0]
+        values = first.parts[:, first.worst] / diagnosis.rows.measured.sigma[first.worst]
         words = first.structure.process.words
         left.plot(place[shown], values[shown], "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)

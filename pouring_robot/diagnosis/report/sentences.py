@@ -210,7 +210,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
     if diagnosis.verdict != "unknown":
         return []
-    lines = [item.sentence for item in diagnosis.discrepancies]
+    lines = [item.sentence for item in diagnosis.remainder]
     beaten: dict[str, list[str]] = {}
     names = {e.cause.effect for e in diagnosis.nearest}
     for cause, found in diagnosis.judgement.challenged:
@@ -298,7 +298,7 @@ def _where_to_look(diagnosis: Conclusions) -> str:
             "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
             "is (metrology in the YAML); if not, something that changes from row to row is missing"
         )
-    by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
+    by = [x.structure.process.by for x in diagnosis.remainder if x.structure.process.by != CHANCE]
     if not by:
         return "measure the same poses again under other conditions: what changes tells what it depends on"
     return (

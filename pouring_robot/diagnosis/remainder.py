@@ -1,45 +1,54 @@
-"""The discrepancy that is left: what it depends on, how large it is, a step and when. Descriptions, not causes."""
+"""What is left, row by row: where it is largest, how large it is there, a step and when. Descriptions, not causes."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.gap import table_of
+from pouring_robot.diagnosis.gap import component_unit, table_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.discrepancy import Summand
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import shown_in
+from pouring_robot.mechanism.arrays import FloatArray, rms
 
 _IN_TIME = ("time", "order", "session")
 _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Discrepancy:
-    """Structure that the best known effects leave."""
+class Remainder:
+    """Structure that the best known effects leave, in the rows that were fitted."""
 
     structure: Summand  # as the search found it
-    component: str  # in which component it is largest
-    rms: float  # of its part there, in m or rad
+    parts: FloatArray  # what it adds to the rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
+    worst: int  # the component in which it is largest
     # the line of the file after which it jumps, in order of time; None where it is no step
-    step_after: int | None = None
-    step: float = math.nan  # by how much it jumps there, in m or rad
+    step_after: int | None
+    step: float  # by how much it jumps there, in m or rad
+
+    @classmethod
+    def of(cls, diagnosis: Findings, structure: Summand) -> Self:
+        """Look at a structure row by row."""
+        parts = table_of(diagnosis.after.fitted_rows, structure.part, len(diagnosis.rows))
+        in_noise = parts / diagnosis.rows.measured.sigma[: parts.shape[1]]
+        worst = int(np.nanargmax([rms(column) for column in in_noise.T]))
+        step = _step(diagnosis, parts[:, worst]) if structure.process.by in _IN_TIME else (None, math.nan)
+        return cls(structure, parts, worst, *step)
 
     @property
-    def _in_unit(self) -> tuple[str, float]:
-        return shown_in("rad" if self.component.startswith("r") else "m")
+    def component(self) -> str:
+        """That component by name."""
+        return component_name(self.worst)
 
     @property
     def sentence(self) -> str:
         """It in words."""
-        unit, scale = self._in_unit
-        words, axis = self.structure.process.words, "the tracker's " if self.component[-1] in "xyz" else ""
+        unit, scale = component_unit(self.worst)
+        words, axis = self.structure.process.words, "the tracker's " if self.worst < 6 else ""
         text = (
             f"{words}: {self.structure.size:.1f} times the noise, mostly in {axis}"
-            f"{self.component} ({self.rms / scale:.3f} {unit} rms)"
+            f"{self.component} ({rms(self.parts[:, self.worst]) / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
             text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"
@@ -47,42 +56,19 @@ class Discrepancy:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``diagnosis.json`` holds it."""
-        unit, scale = self._in_unit
+        unit, scale = component_unit(self.worst)
         out: dict[str, Any] = {
             "where": self.structure.process.where,
             "by": self.structure.process.by,
             "log_evidence_nats": self.structure.evidence,
             "size_in_noise": self.structure.size,
             "component": self.component,
-            f"rms_{unit}": self.rms / scale,
+            f"rms_{unit}": rms(self.parts[:, self.worst]) / scale,
             "sentence": self.sentence,
         }
         if self.step_after is not None:
             out["step"] = {"after_line": self.step_after, f"size_{unit}": self.step / scale}
         return out
-
-
-def discrepancies(diagnosis: Findings) -> list[Discrepancy]:
-    """Return the structure that is left, largest first; nothing where none counts."""
-    return [_described(diagnosis, structure) for structure in diagnosis.judgement.remainder]
-
-
-def parts_by_row(diagnosis: Findings, structure: Summand) -> FloatArray:
-    """Return what a structure adds to the fitted rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere."""
-    return table_of(diagnosis.after.fitted_rows, structure.part, len(diagnosis.rows))
-
-
-def _described(diagnosis: Findings, structure: Summand) -> Discrepancy:
-    table = parts_by_row(diagnosis, structure)
-    sigma = np.asarray(diagnosis.rows.measured.sigma)[: table.shape[1]]
-    known = np.isfinite(table)
-    measured = np.asarray(known.any(axis=0))
-    rms = np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    worst = int(np.argmax(np.where(measured, rms / np.where(sigma > 0.0, sigma, np.inf), 0.0)))
-    step_after, step = None, math.nan
-    if structure.process.by in _IN_TIME:
-        step_after, step = _step(diagnosis, table[:, worst])
-    return Discrepancy(structure, component_name(worst), float(rms[worst]), step_after, step)
 
 
 def _step(diagnosis: Findings, values: FloatArray) -> tuple[int | None, float]:
