@@ -34,6 +34,10 @@ class Conclusions(Findings):
         """By how much each effect moves the tool, (n, 3) in m, by effect."""
         return {e.cause.effect: self.moved_by([p.parameter for p in e.parameters]) for e in self.effects}
 
+    def farthest_m(self, effect: str) -> float:
+        """Return how far an effect moves the tool in these rows at most, in m; NaN where no row says it."""
+        return float(np.fmax.reduce(np.linalg.norm(self.moved[effect], axis=1)))
+
     def moved_by(self, parameters: Sequence[EffectParameter]) -> FloatArray:
         """Return by how much some of the fitted parameters move the tool, shape (n, 3), in m.
 

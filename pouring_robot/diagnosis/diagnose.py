@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -27,7 +26,7 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import NoiseLevel, are, component_name, unit_of
+from pouring_robot.estimation.instruments import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
@@ -163,7 +162,7 @@ def diagnose(
         row = found.after.fitted_rows.row
         given = found.diagnoser.rows.conditions
         courses = poses(given), given.time_s[:, None]
-        more = gross_errors(found.hypothesis.remainder, row, found.fitted, found.outliers.size, courses)
+        more = gross_errors(found.hypothesis.remainder, row, found.diagnoser.fitted, found.outliers.size, courses)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)
@@ -180,10 +179,8 @@ class _Searched:
 
     outliers: NDArray[np.intp]
     inliers: NDArray[np.intp]
-    fitted: NDArray[np.bool_]
     parts: Split | None
     notes: tuple[str, ...]
-    noise: NoiseLevel
     diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
@@ -215,34 +212,35 @@ class _Work:
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
-        noise = noise_beforehand(campaign, np.flatnonzero(fitted))
         self.say("searching for effects", 0, 0)
-        rows, options = CampaignRows(campaign, self.model, noise), SearchOptions(false_names=self.options.false_names)
+        rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
+        options = SearchOptions(false_names=self.options.false_names)
         library, at = Library.of(rows, self.effects), None
-        for turn in itertools.count(1):
-            diagnoser = Diagnoser(rows, library, fitted, options)
+        for _ in range(_NOISE_ROUNDS):
+            diagnoser, noise = Diagnoser(rows, library, fitted, options), rows.noise
             after, hypothesis = diagnoser.found(start, at)
-            better = _noise_from(noise, after, hypothesis)
-            if better is None or turn == _NOISE_ROUNDS:
+            better = noise_left(noise, noise.open_kinds, after, hypothesis) if noise.from_residuals else noise
+            if better.apart(noise) < _NOISE_SETTLED:
                 break
-            noise, rows, start, at = better, rows.with_noise(better), hypothesis, after.alone
+            rows, start, at = rows.with_noise(better), hypothesis, after.alone
         if noise.from_residuals:
             notes.append(
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
             notes += [f"the noise: {noise.least_words}"] if noise.least_words else []
         outliers = np.asarray(wrong, dtype=np.intp)
-        return _Searched(outliers, inliers, fitted, parts, tuple(notes), noise, diagnoser, after, hypothesis)
+        return _Searched(outliers, inliers, parts, tuple(notes), diagnoser, after, hypothesis)
 
     def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
-        diagnoser, after, hypothesis, fitted = found.diagnoser, found.after, found.hypothesis, found.fitted
+        diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
+        rows, fitted = diagnoser.rows, diagnoser.fitted
         # Where the noise is not stated, scatter from row to row is noise.
-        rows, known = diagnoser.rows, not found.noise.from_residuals
+        known = not rows.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
-        misfit = _misfit(found.noise, rows, before.linear)
+        misfit = _misfit(rows, before.linear)
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
@@ -279,13 +277,13 @@ class _Work:
             inliers=found.inliers,
             outliers=found.outliers,
             flags=flags,
-            noise=found.noise,
+            noise=rows.noise,
             fitted=fitted,
             held_out_name=found.parts.test_name if found.parts else "",
             diagnoser=diagnoser,
             before=before.alone,
             after=after.alone,
-            free_residuals=_free_residuals(before, rows, found.noise),
+            free_residuals=_free_residuals(before, rows),
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
@@ -305,24 +303,25 @@ class _Work:
         return replace(diagnosis, misfit=why, judgement=replace(judgement, verdict="unknown", reasons=reasons))
 
 
-def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) -> FreeResiduals:
+def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
     linear = before.every_row
     return FreeResiduals(
         linear.residual,
         linear.row,
         linear.component,
-        linear.tracker,
+        linear.sigma,
         Nuisance.of(linear.free),
         before.frames.T_tracker_base.rotation,
         rows.drive_columns(linear),
-        noise_known=not noise.from_residuals,
-        noise_freedoms=noise.freedoms,
+        noise_known=not rows.noise.from_residuals,
+        noise_freedoms=rows.noise.freedoms,
     )
 
 
-def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
+def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
     """Return what of a noise that comes from what is left over is too large for one, in words; "" where nothing is."""
     robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
+    noise = rows.noise
     sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
@@ -344,11 +343,3 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
         if kind != "auto":
             raise
         return None, [f"no rows are held out: {problem.problem}"]
-
-
-def _noise_from(noise: NoiseLevel, after: LinearState, hypothesis: Hypothesis) -> NoiseLevel | None:
-    """Return the noise that the residuals show; None where it was stated or stays."""
-    if not noise.from_residuals:
-        return None
-    better = noise_left(noise, noise.open_kinds, after, hypothesis)
-    return None if better.apart(noise) < _NOISE_SETTLED else better

@@ -37,7 +37,7 @@ def component_unit(component: int) -> tuple[str, float]:
 def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
     """Return what is whitened, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
     table = np.full((rows, max(6, int(seen.component.max()) + 1)), np.nan)
-    table[seen.row, seen.component] = whitened * seen.tracker
+    table[seen.row, seen.component] = whitened * seen.sigma
     return table
 
 
@@ -108,7 +108,7 @@ class Gap:
 
 
 def _by_component(seen: WhitenedRows, size: int) -> FloatArray:
-    values = seen.residual * seen.tracker
+    values = seen.residual * seen.sigma
     return np.array([rms(values[seen.component == k]) for k in range(size)])
 
 

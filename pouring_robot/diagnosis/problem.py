@@ -48,11 +48,6 @@ class Library:
         """Workmanship and forms of effects, by effect and form."""
         return {(effect, form.name): form for effect, form in self.workmanship.items()} | dict(self.forms)
 
-    @property
-    def tried(self) -> frozenset[str]:
-        """Ids of the effects of which there is a form."""
-        return frozenset(effect for effect, _ in self.forms)
-
 
 def _distinct(forms: Iterable[Form]) -> Iterator[Form]:
     """Yield forms without those values of a constant that make in these rows what another form makes.

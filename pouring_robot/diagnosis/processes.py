@@ -91,7 +91,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     by chance counts as something unknown. Where the noise is not stated it is noise, of the robot if not of the device.
     """
     given = rows.conditions
-    places = Places.of(given, linear.row, linear.component, linear.tracker, axes, rows.drive_columns(linear))
+    places = Places.of(given, linear.row, linear.component, linear.sigma, axes, rows.drive_columns(linear))
 
     @functools.cache
     def inside(name: str) -> Channel:

@@ -73,7 +73,7 @@ class WhitenedRows:
     residual: FloatArray  # measured minus predicted over the noise, shape (m,)
     row: NDArray[np.intp]  # row of each equation, (m,)
     component: NDArray[np.intp]  # component 0 to 5 of each equation, (m,)
-    tracker: FloatArray  # sigma of each equation's component, (m,), in m or rad
+    sigma: FloatArray  # noise of each equation's component, (m,), in m or rad
 
     def of(self, rows: NDArray[np.bool_]) -> Self:
         """Return the equations of some rows, by a mask (n,)."""
@@ -86,7 +86,7 @@ class WhitenedRows:
     @property
     def alone(self) -> WhitenedRows:
         """They without derivatives, if there are any."""
-        return WhitenedRows(self.residual, self.row, self.component, self.tracker)
+        return WhitenedRows(self.residual, self.row, self.component, self.sigma)
 
 
 @dataclass(frozen=True, eq=False)

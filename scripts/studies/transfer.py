@@ -35,8 +35,7 @@ def figures(model: RobotModel, campaign: Campaign) -> Figures:
     rows = CampaignRows(campaign, model, noise_beforehand(campaign, np.flatnonzero(fitted)))
     linear = rows.linearise(rows.unchanged(), rows.refined_frames(fitted))
     left = [
-        part.residual[part.component < 3] * part.tracker[part.component < 3]
-        for part in map(linear.of, (~fitted, fitted))
+        part.residual[part.component < 3] * part.sigma[part.component < 3] for part in map(linear.of, (~fitted, fitted))
     ]
     held_out, others = (1e3 * float(np.sqrt(np.mean(values**2))) for values in left)
     return held_out, others

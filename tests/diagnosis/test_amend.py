@@ -33,7 +33,7 @@ def test_it_reproduces_the_residuals_of_all_rows_after_a_round_trip(case):
     again, after = rows.linearise(rows.unchanged(), found.after.frames), found.after.every_row
     np.testing.assert_array_equal(again.row, after.row)
     # 1e-6 m: placements are composed, where the diagnosis adds up twists.
-    np.testing.assert_allclose(again.residual * again.tracker, after.residual * after.tracker, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(again.residual * again.sigma, after.residual * after.sigma, rtol=0.0, atol=1e-6)
 
 
 def test_nothing_is_missing_in_it(case):

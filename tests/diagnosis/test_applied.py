@@ -70,7 +70,7 @@ def test_a_path_predicts_what_was_measured_as_well_as_the_diagnosis(case, capsys
     left = found.rows.campaign.position_m - seen
     rows = found.after.every_row
     own = np.full((len(left), 6), np.nan)
-    own[rows.row, rows.component] = rows.residual * rows.tracker
+    own[rows.row, rows.component] = rows.residual * rows.sigma
     np.testing.assert_allclose(left, own[:, :3], atol=1e-6)
     floor = found.held_out.position("floor")
     assert np.sqrt(np.mean(left**2)) < 1.2 * floor < found.held_out.position("before") / 2.0

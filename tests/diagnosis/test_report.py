@@ -135,7 +135,7 @@ def test_each_state_leaves_the_gap_that_the_report_tells(hot):
         target = seen.frames.T_end_target.homogeneous
         gap = ((state.measured - state.model) @ target)[:, :3, 3] @ seen.frames.T_tracker_base.rotation.T
         residual = np.full((len(gap), 6), np.nan)
-        residual[seen.every_row.row, seen.every_row.component] = seen.every_row.residual * seen.every_row.tracker
+        residual[seen.every_row.row, seen.every_row.component] = seen.every_row.residual * seen.every_row.sigma
         np.testing.assert_allclose(gap, residual[:, :3], atol=1e-6)
 
 

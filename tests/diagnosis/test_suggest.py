@@ -121,7 +121,7 @@ def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, tmp_pa
 
     found = suggest_measurements(before)
     assert 1 <= len(found.measurements) <= 10
-    assert any(words in s.words for s in found.separations)
+    assert any(words in s.how for s in found.separations)
     assert len(found.random_nats) == RANDOM_SETS
     assert found.expected_nats > 3.0
     assert found.expected_nats > np.median(found.random_nats)

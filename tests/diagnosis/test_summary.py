@@ -83,7 +83,7 @@ def test_the_gap_is_per_coordinate(hot):
     gap = hot.held_out
     rows = ~hot.fitted
     linear = hot.before.every_row.of(rows)
-    position = (linear.residual * linear.tracker)[linear.component < 3]
+    position = (linear.residual * linear.sigma)[linear.component < 3]
     assert gap.position("before") == pytest.approx(math.sqrt((position**2).mean()))
     assert gap.position("floor") == pytest.approx(hot.noise.position_m)
 
@@ -329,7 +329,7 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
     assert hot.free_residuals.noise_freedoms == np.inf
     noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", freedoms=30.0)})
-    repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows, noise)
+    repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
     assert repeated.noise_freedoms == 30.0
     squares, count = 1.4 * 300.0, 300.0
     assert repeated.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)

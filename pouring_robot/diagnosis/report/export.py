@@ -4,8 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pouring_robot import __version__
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
@@ -173,7 +171,6 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
 
 def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
     cause = effect.cause
-    moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
     found = diagnosis.parameters_of(effect)
     together = diagnosis.in_words(effect)
     return {
@@ -186,5 +183,5 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
         **({"in_words": list(together)} if together else {}),
         "log_evidence_nats": cause.evidence,
         "size_in_noise": cause.size,
-        "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,
+        "moves_lip_largest_mm": diagnosis.farthest_m(cause.effect) / MM,
     }

@@ -158,12 +158,10 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
 
 def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = True) -> list[str]:
     """Return an effect in sentences: what happens, how large it is, its parameters; if short, the clearest of them."""
-    cause = effect.cause
-    moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
-    largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else math.nan
+    cause, tip = effect.cause, diagnosis.rows.conditions.causes.words.tip
     lines = [
         f"{cause.effect}: {effect.story}",
-        f"moves the {diagnosis.rows.conditions.causes.words.tip} by up to {largest:.2f} mm in these poses; "
+        f"moves the {tip} by up to {diagnosis.farthest_m(cause.effect) / MM:.2f} mm in these poses; "
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
     every = diagnosis.parameters_of(effect)
@@ -202,7 +200,7 @@ def apart_lines(diagnosis: Conclusions) -> list[str]:
             lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look alike in this campaign")
             pairs = [s for s in diagnosis.suggestion.separations if {s.first, s.second} <= group]
             if diagnosis.suggestion.tells:
-                lines += [f"  {s.first} or {s.second}: {s.words}" for s in pairs]
+                lines += [f"  {s.first} or {s.second}: {s.how}" for s in pairs]
     return lines
 
 
@@ -279,7 +277,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
     if verdict == "no_gap":
-        hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
+        hidden = {s.second: s.how for s in diagnosis.suggestion.separations}
         lines += [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
     elif not diagnosis.judgement.scatters:
         lines += _measurement_lines(diagnosis)

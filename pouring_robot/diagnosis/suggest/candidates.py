@@ -176,7 +176,8 @@ class Prospect:
         self._new = np.asarray(new, dtype=np.bool_)
         self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
-        library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
+        tried = {effect for effect, _ in known.forms}
+        library = Library.of(rows, {name: effect for name, effect in known.effects.items() if name in tried})
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem

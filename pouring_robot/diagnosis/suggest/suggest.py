@@ -1,9 +1,7 @@
 """What to measure next: poses and conditions that best tell apart the explanations a diagnosis leaves."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +15,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.io.tables import csv_text
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -87,8 +86,8 @@ class Separation:
     second: str  # the other one
     now_nats: float  # by how much the log evidence of the first is larger so far
     expected_nats: float  # by how much the difference is expected to grow, for whichever of the two is right
-    random_nats: float  # the same for as many measurements chosen at random: median
-    words: str  # how to tell them apart
+    random_median_nats: float  # the same for as many measurements chosen at random
+    how: str  # how to tell them apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,27 +112,13 @@ class Suggestion:
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
         rows = [m.plan_row(k + 1) for k, m in enumerate(self.measurements)]
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        out = io.StringIO()
-        table = csv.DictWriter(out, names, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
-        return out.getvalue()
+        names = dict.fromkeys(name for row in rows for name in row)
+        return csv_text(names, ([row.get(name) for name in names] for row in rows))
 
     def as_dict(self) -> dict[str, Any]:
         """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""
         return {
-            "separations": [
-                {
-                    "first": s.first,
-                    "second": s.second,
-                    "now_nats": s.now_nats,
-                    "expected_nats": s.expected_nats,
-                    "random_median_nats": s.random_nats,
-                    "how": s.words,
-                }
-                for s in self.separations
-            ],
+            "separations": [asdict(pair) for pair in self.separations],
             "expected_nats": self.expected_nats,
             "random_median_nats": float(np.median(self.random_nats)) if self.random_nats.size else None,
             "random_sets": int(self.random_nats.size),
