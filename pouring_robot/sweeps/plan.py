@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 import pouring_robot
-from pouring_robot.batch import BatchCommand, Engine, engine_for
-from pouring_robot.batch.structure import ByteArray
+from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
+from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -34,7 +34,6 @@ from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
-from pouring_robot.sweeps.evaluation import Platforms, platforms
 from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
 
 _MOST_ROUNDS = 20
@@ -47,6 +46,18 @@ class Chunk:
     index: tuple[int, int]
     samples: tuple[int, int]
     poses: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Platforms:
+    """Where the moving platform of every robot (first axis) stands at every pose (second axis)."""
+
+    # in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below
+    position_m: FloatArray
+    rotation: FloatArray  # shape (robots, poses, 3, 3)
+    gap_m: FloatArray  # largest distance left open in a loop, shape (robots, poses)
+    gap_rad: FloatArray  # largest angle
+    status: ByteArray  # shape (robots, poses), see :data:`~pouring_robot.sweeps.store.STATUS_NAMES`
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,10 +196,29 @@ class SweepPlan:
         return tuple(names.index(key) for key in keys)
 
     def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
-        """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses."""
-        joints, errors = self.error_map.joints, self.error_map.placement_errors(values)
-        drives = self.error_map.drive_errors(values) + self.model.offset_of_each_drive()
-        return platforms(self.engine, poses, joints, errors, drives, open_branch=self.config.kind == "open_branch")
+        """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses.
+
+        An open branch is the chain alone that holds a robot's errors, its joints held where the nominal robot has them:
+        what the paper's Section 4 studies.
+        """
+        engine, shape = self.engine, (len(values), len(poses))
+        robot, pose = (index.ravel() for index in np.indices(shape))
+        placed = np.zeros((shape[0], engine.structure.site_count, 6))
+        sites = [engine.structure.site(joint) for joint in self.error_map.joints]
+        placed[:, sites] = self.error_map.placement_errors(values)
+        flat, driven = placed.reshape(shape[0], -1), self.error_map.drive_errors(values)
+        of_all = flat[0] if shape[0] == 1 else flat[robot]
+        drives = poses.drives[pose] + (driven + self.model.offset_of_each_drive())[robot]
+        if self.config.kind == "open_branch":
+            assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
+            chain = _own_chains(engine.structure.star, flat, driven)
+            closed = engine.carry(chain[robot], drives, poses.start[pose], of_all)
+        else:
+            closed = engine.close(drives, poses.start[pose], of_all)
+        loops = closed.residual.shape[1]  # none of a serial arm
+        gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
+        position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
+        return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))
 
     @functools.cached_property
     def error_map(self) -> ErrorMap:
@@ -250,6 +280,14 @@ class SweepPlan:
             if name not in bodies:
                 raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
         return np.array([mechanism.placement_on_end(name).translation for name in self.config.frames])
+
+
+def _own_chains(star: Star, errors: FloatArray, drive_errors: FloatArray) -> IntArray:
+    """Return the chain in which each robot's errors lie, (robots,); a robot without errors is the same in any."""
+    own = np.array(errors.reshape(len(errors), len(star.revolute), -1).any(axis=2))
+    for drive, chain in enumerate(star.drives[:, 0]):
+        own[:, chain] |= drive_errors[:, drive] != 0.0
+    return np.asarray(own.argmax(axis=1))
 
 
 def _model(config: SweepConfig) -> RobotModel:

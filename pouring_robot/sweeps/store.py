@@ -38,9 +38,9 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
 from pouring_robot.exceptions import SweepStoreError
 from pouring_robot.io.files import hidden_name
-from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
 STORE = "results.zarr"
@@ -48,6 +48,8 @@ SUMMARY, RANKING, PICTURE, PAGE = REPORTS = ("summary.json", "ranking.csv", "swe
 RESUME, _OVERWRITE = "--resume (resume=True)", "--overwrite (overwrite=True)"
 FORMAT = "pouring_robot/sweep-results/1"
 AXES = ("x", "y", "z")
+NOT_DONE = 255
+STATUS_NAMES = dict(enumerate(("ok", *BATCH_STATUS_NAMES[1:]))) | {NOT_DONE: "not done"}
 # Bytes that stay in memory: of each robot its eight sums (of a Sobol study its points, and its outputs twice, besides);
 # of each chunk its place.
 _A_ROBOT, _A_SOBOL_ROBOT, _A_CHUNK = 64, 128, 400

@@ -4,7 +4,7 @@ import numpy as np
 
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.sweeps.evaluation import Platforms
+from pouring_robot.sweeps.plan import Platforms
 from tests.support import perturbed, placement_error
 
 

@@ -17,9 +17,8 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location_figures import without_nan
-from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
 from pouring_robot.sweeps.plan import Chunk
-from pouring_robot.sweeps.store import AXES, SweepStore
+from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
 
 SHARES = (0.5, 0.95, 0.9973)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
