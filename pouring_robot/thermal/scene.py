@@ -19,7 +19,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
-from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
+from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for, frame_places
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
@@ -42,7 +42,7 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     mechanism = robot.nominal_solver.mechanism
     places = bodies_at(mechanism.shared_model, [configuration])
     drawn = drawn_robot(mechanism, places, "robot", "coloured by displacement")
-    parts, world = np.array(field.parts), _world_to_base(robot, drawn.bodies)[0]
+    parts, world = np.array(field.parts), frame_places(mechanism, places, mechanism.loops.base_frame)[0]
     values = np.full(drawn.visual.ngeoms, np.nan)
     for k, (link, place) in enumerate(zip(drawn.links, _middles(drawn)[0], strict=True)):
         own = np.flatnonzero(parts == _part(link))
@@ -62,15 +62,14 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
 
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
     """Return a shift of the drawing as it goes: parts in the colours of their temperatures, the ladle moved by heat."""
-    mechanism = robot.nominal_solver.mechanism
-    drawn = drawn_robot(mechanism, shift.bodies[:, 1], "robot", "as warm as its colours", reference=shift.bodies[:, 0])
+    mechanism, cold, warm = robot.nominal_solver.mechanism, shift.bodies[:, 0], shift.bodies[:, 1]
+    drawn = drawn_robot(mechanism, warm, "robot", "as warm as its colours", reference=cold)
     values = _temperatures(drawn, mechanism.shared_model, shift.fields)
     scale = ColourScale("temperature", "°C", float(np.nanmin(values)), float(np.nanmax(values)))
     frame, moved = list(shift.moved.items())[-1]
-    lip, words = mechanism.shared_model.frames[mechanism.frame_id(frame)], frame.replace("_", " ")
-    starts = (shift.bodies[:, 0, lip.parentJoint] @ lip.placement.homogeneous)[:, :3, 3]
+    words, starts = frame.replace("_", " "), frame_places(mechanism, cold, frame)[:, :3, 3]
     shifts = np.array([difference.translation_m for difference in moved])
-    turned = np.einsum("kij,kj->ki", _world_to_base(robot, shift.bodies[:, 0])[:, :3, :3], shifts)
+    turned = np.einsum("kij,kj->ki", frame_places(mechanism, cold, mechanism.loops.base_frame)[:, :3, :3], shifts)
     table = shift.to_frame()
     minutes, melt = table["time_min"].to_numpy(), table["melt_degC"].to_numpy()
     distances = np.linalg.norm(shifts, axis=1)
@@ -126,13 +125,6 @@ def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureF
         elif part in of_part:
             values[:, v] = of_part[part]
     return values
-
-
-def _world_to_base(robot: PouringRobot, bodies: FloatArray) -> FloatArray:
-    """Return the fixed platform's pose in the world, (k, 4, 4), from those of all joints."""
-    mechanism = robot.nominal_solver.mechanism
-    base = mechanism.shared_model.frames[mechanism.frame_id(mechanism.loops.base_frame)]
-    return np.asarray(bodies[:, base.parentJoint] @ base.placement.homogeneous)
 
 
 def _part(link: str) -> str:

@@ -26,7 +26,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
+from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for, frame_places
 from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
 
@@ -153,7 +153,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     configurations = [robot.drawing.configuration_at(campaign.drives[row]) for row in labels]
     places = bodies_at(mechanism.shared_model, configurations)
     legs = drawn_robot(mechanism, places, "robot", "as drawn", opacity=0.25, tint=GHOST_TINT)
-    world = _world_to_base(robot.nominal_solver.mechanism, configurations[0])
+    world = frame_places(mechanism, places[:1], loops.base_frame)[0]  # rails stand at home
     ladle, rest = _taken_apart(legs.visual, mechanism, str(loops.end_frame))
     if not ladle.ngeoms:
         return None
@@ -206,13 +206,6 @@ def _factor(largest_m: float, against: CampaignRows) -> float:
     """Return how many times gaps are enlarged: to be seen, but never so much that mere noise looks like one."""
     known = against.noise["position"].source not in ("residuals", "none")
     return exaggeration_for(max(largest_m, _NOISE * against.noise.position_m if known else 0.0))
-
-
-def _world_to_base(mechanism: ClosedChainMechanism, configuration: FloatArray) -> FloatArray:
-    """Return the pose of the base in the world, (4, 4): rails stand at home."""
-    model, data = mechanism.shared_model, mechanism.thread_data()
-    pin.framesForwardKinematics(model, data, configuration)
-    return np.asarray(data.oMf[mechanism.frame_id(mechanism.loops.base_frame)].homogeneous)
 
 
 def _taken_apart(

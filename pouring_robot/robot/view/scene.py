@@ -149,6 +149,12 @@ def drawn_robot(
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
 
+def frame_places(mechanism: ClosedChainMechanism, bodies: FloatArray, name: str) -> FloatArray:
+    """Return where a frame stands in the world, (k, 4, 4), with joints at ``bodies``, (k, joints, 4, 4), in m."""
+    frame = mechanism.shared_model.frames[mechanism.frame_id(name)]
+    return np.asarray(bodies[:, frame.parentJoint] @ frame.placement.homogeneous)
+
+
 def _caption(location: Location) -> tuple[tuple[str, str], ...]:
     translation, rotation = location.difference().to_mm_mrad()
     return (
