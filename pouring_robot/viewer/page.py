@@ -34,7 +34,6 @@ from pouring_robot.viewer.shapes import (
     camera_around,
     colours_at,
     outline,
-    robot_solids,
     shape_of,
     view_height,
 )
@@ -127,8 +126,8 @@ def film(scene: Scene) -> Content:
 def _robot(scene: Scene, robot: SceneRobot, shapes: list[Shape]) -> Content:
     """Return what of a robot never changes; new shapes go to the end of the list."""
     visuals = []
-    drawn = robot_solids(scene, robot, scene.first)
-    for item, solid in zip(robot.visual.geometryObjects, drawn, strict=True):
+    colours = colours_at(scene, robot, scene.first).tolist()
+    for item, colour in zip(robot.visual.geometryObjects, colours, strict=True):
         shape = shape_of(item)
         number = next((k for k, known in enumerate(shapes) if known is shape), len(shapes))
         if number == len(shapes):
@@ -139,7 +138,7 @@ def _robot(scene: Scene, robot: SceneRobot, shapes: list[Shape]) -> Content:
                 "body": item.parentJoint,
                 "shape": number,
                 "matrix": item.placement.homogeneous.T.ravel().tolist(),  # column by column, as three.js reads it
-                "colour": solid.colour,
+                "colour": colour,
             }
         )
     return {"name": robot.name, "opacity": robot.opacity, "choice": robot.choice, "visuals": visuals}

@@ -270,27 +270,16 @@ def _arrow_solids(scene: Scene, item: SceneArrows, step: int, thickness_m: float
 
 
 def _arrow_parts(start: Vector, end: Vector, thickness_m: float) -> list[tuple[str, Shape, Vector]]:
-    length = float(np.linalg.norm(end - start))
+    way = end - start
+    length = float(np.linalg.norm(way))
     if length < 0.5 * thickness_m:
-        pose = np.eye(4)
-        pose[:3, 3] = end
-        return [("ball", smooth(trimesh.creation.icosphere(subdivisions=2, radius=1.2 * thickness_m)), pose)]
+        ball = smooth(trimesh.creation.icosphere(subdivisions=2, radius=1.2 * thickness_m))
+        return [("ball", ball, pin.SE3(np.eye(3), end).homogeneous)]
     head = min(7.0 * thickness_m, 0.75 * length)
-    neck = end - (end - start) * (head / length)
+    neck = end - way * (head / length)
     cone = smooth(trimesh.creation.cone(radius=head / 2.6, height=head, sections=32))
-    pose_head = _along_z(neck, end)
-    pose_head[:3, 3] = neck  # a cone stands on its frame, a cylinder is centred on it
     shaft = cylinder(min(thickness_m, head / 7.0), length - head)
-    return [("shaft", shaft, _along_z(start, neck)), ("head", cone, pose_head)]
-
-
-def _along_z(start: Vector, end: Vector) -> Vector:
-    """Return the pose of a frame halfway between two points, its z axis from the first to the second."""
-    z = (end - start) / np.linalg.norm(end - start)
-    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    pose[:3, 3] = (start + end) / 2.0
-    return pose
+    along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
+    # A cylinder is centred on its frame, a cone stands on it.
+    places = {"shaft": (shaft, (start + neck) / 2.0), "head": (cone, neck)}
+    return [(part, shape, pin.SE3(along, place).homogeneous) for part, (shape, place) in places.items()]
