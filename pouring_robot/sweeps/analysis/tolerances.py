@@ -66,17 +66,15 @@ def group_covariances(
     ``shared``, the root of its correlation with others of its part, (parameters,) each, and the numbers of its part and
     of its group; correlated parameters share a group.
     """
-    scaled = transfer * std
-    own = scaled * np.sqrt(1.0 - shared**2)
     part_of, group_of = np.asarray(parts), np.asarray(groups)
-    result = np.zeros((len(transfer), max(groups) + 1, 3, 3))
-    for g in range(result.shape[1]):
-        columns = group_of == g
-        result[:, g] += np.einsum("pik,pjk->pij", own[:, :, columns], own[:, :, columns])
-        for part in np.unique(part_of[columns]):
-            common = scaled[:, :, columns & (part_of == part)] @ shared[columns & (part_of == part)]
-            result[:, g] += np.einsum("pi,pj->pij", common, common)
-    return result
+    errors = np.where(part_of[:, None] == part_of, np.outer(std * shared, std * shared), 0.0)
+    np.fill_diagonal(errors, std**2)
+    found = []
+    for g in range(max(groups) + 1):
+        columns = np.flatnonzero(group_of == g)
+        own = transfer[:, :, columns]
+        found.append(own @ errors[np.ix_(columns, columns)] @ own.transpose(0, 2, 1))
+    return np.stack(found, axis=1)
 
 
 def allocate(
