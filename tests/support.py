@@ -122,6 +122,11 @@ def relative_error(found, expected):
     return float(np.abs(np.asarray(found) - expected).max() / np.abs(expected).max())
 
 
+def unbalanced(balance):
+    """Return what a steady state leaves unbalanced, as a share of the heat that passes through."""
+    return abs(balance.stored_W) / (sum(map(abs, vars(balance).values())) / 2.0)
+
+
 def round_off(condition=1.0, scale=1.0, terms=1):
     """Return how far a right computation may be off by rounding alone, whatever the order of its sums.
 

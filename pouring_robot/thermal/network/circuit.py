@@ -13,7 +13,7 @@ Without it radiation leaves a node towards melt and surroundings, and the nonlin
 import functools
 import itertools
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -44,12 +44,6 @@ class EnergyBalance:
     def stored_W(self) -> float:
         """Heat in minus heat out, which warms the nodes; zero in the steady state."""
         return self.melt_conduction_W + self.melt_radiation_W - (self.ambient_film_W + self.ambient_radiation_W)
-
-    @property
-    def relative_error(self) -> float:
-        """What a steady state leaves unbalanced, as a share of the heat that passes through."""
-        through = sum(map(abs, astuple(self))) / 2.0
-        return abs(self.stored_W) / through if through > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
