@@ -10,10 +10,10 @@ import pinocchio as pin
 from pouring_robot.diagnosis.amend import amended as amended_model
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.remainder import Remainder
 from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
 from pouring_robot.diagnosis.where.where import Where, disagreements
-from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
@@ -31,26 +31,25 @@ class Conclusions(Findings):
 
     @cached_property
     def moved(self) -> dict[str, FloatArray]:
-        """By how much each effect moves the tool, (n, 3) in m, by effect."""
-        return {e.cause.effect: self.moved_by([p.parameter for p in e.parameters]) for e in self.effects}
+        """By how much each effect moves the tool, (n, 3) in m, in the axes of the base, by effect.
+
+        Loops are closed exactly with everything found and again without its parameters: to show, not to judge by. A
+        constant part counts here, though the frames absorb it in the campaign.
+        """
+        rows, after = self.rows, self.after
+        frames = OuterFrames(pin.SE3.Identity(), self.model.nominal_mechanism().T_end_tool)
+
+        def tool(without: Sequence[FoundParameter]) -> FloatArray:
+            out = {id(found.parameter) for found in without}
+            kept = np.array([0.0 if id(p) in out else 1.0 for p in after.parameters])
+            return rows.predicted(rows.changes(after.parameters, kept * after.values), frames).position_m
+
+        everything = tool(())
+        return {e.cause.effect: everything - tool(e.parameters) for e in self.effects}
 
     def farthest_m(self, effect: str) -> float:
         """Return how far an effect moves the tool in these rows at most, in m; NaN where no row says it."""
         return float(np.fmax.reduce(np.linalg.norm(self.moved[effect], axis=1)))
-
-    def moved_by(self, parameters: Sequence[EffectParameter]) -> FloatArray:
-        """Return by how much some of the fitted parameters move the tool, shape (n, 3), in m.
-
-        In the axes of the base, loops closed exactly with everything found and again without these parameters: to
-        show, not to judge by. A constant part counts here, though the frames absorb it in the campaign.
-        """
-        rows, after = self.rows, self.after
-        frames = OuterFrames(pin.SE3.Identity(), self.model.nominal_mechanism().T_end_tool)
-        chosen = {id(p) for p in parameters}
-        kept = np.array([0.0 if id(p) in chosen else 1.0 for p in after.parameters])
-        with_all = rows.predicted(rows.changes(after.parameters, after.values), frames)
-        without = rows.predicted(rows.changes(after.parameters, kept * after.values), frames)
-        return np.asarray(with_all.position_m - without.position_m)
 
     @cached_property
     def remainder(self) -> tuple[Remainder, ...]:

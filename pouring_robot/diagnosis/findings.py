@@ -1,7 +1,7 @@
 """What the search found in a campaign: data, states, judgement. What follows from it: :mod:`~.conclusions`."""
 
 import functools
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,9 +96,25 @@ class Findings:
         best = self.hypothesis.best_forms((self.hypothesis.rivals & shown) - told)
         return {effect: worth.evidence for effect, (worth, _) in best.items()}
 
-    def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
-        """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""
-        return effect.by_name(self.diagnoser.library.forms)
+    def parameters_of(self, effect: NamedEffect) -> list[tuple[str, FoundParameter]]:
+        """Return the parameters of an effect by name, with the form where it takes two with a parameter each.
+
+        A parameter that two forms share stands once, its values added up.
+        """
+        once: dict[int, FoundParameter] = {}
+        for found in effect.parameters:
+            have = once.get(id(found.parameter), FoundParameter(found.parameter, 0.0, 0.0))
+            both = FoundParameter(found.parameter, have.value + found.value, math.hypot(have.std, found.std))
+            once[id(found.parameter)] = both
+        names = [found.parameter.name for found in once.values()]
+        forms = [form for (known, _), form in self.diagnoser.library.forms.items() if known == effect.cause.effect]
+        named = []
+        for found in once.values():
+            name = found.parameter.name
+            if names.count(name) > 1:
+                name += f" ({next((form.name for form in forms if found.parameter in form.parameters), '')})"
+            named.append((name, found))
+        return named
 
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
         """Return what the parameters of an effect say together, a sentence each."""

@@ -1,6 +1,5 @@
 """Parameters of the named effects: values, standard deviations, and what becomes of them in a model file."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -38,27 +37,6 @@ class NamedEffect:
     def __repr__(self) -> str:
         """Return its id, its form and how sure it is: its parameters hold a number for each row."""
         return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {self.cause.probability:.0%} sure>"
-
-    def by_name(self, forms: FormsByKey) -> list[tuple[str, FoundParameter]]:
-        """Return the parameters by name; where it takes two forms with a parameter each, the form is added.
-
-        A parameter that two forms share stands once, its values added up.
-        """
-        own = [form for (effect, _), form in forms.items() if effect == self.cause.effect]
-        once: dict[int, FoundParameter] = {}
-        for found in self.parameters:
-            have = once.get(id(found.parameter), FoundParameter(found.parameter, 0.0, 0.0))
-            both = FoundParameter(found.parameter, have.value + found.value, math.hypot(have.std, found.std))
-            once[id(found.parameter)] = both
-        names = [found.parameter.name for found in once.values()]
-        out = []
-        for found in once.values():
-            name = found.parameter.name
-            if names.count(name) > 1:
-                form = next((f.name for f in own if any(p is found.parameter for p in f.parameters)), "")
-                name = f"{name} ({form})"
-            out.append((name, found))
-        return out
 
 
 def found_parameters(hypothesis: Hypothesis, forms: FormsByKey) -> FoundByKey:

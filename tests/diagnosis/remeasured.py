@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
@@ -61,7 +62,7 @@ class Machine:
     def with_more(self, suggestions: Sequence[SuggestedMeasurement]) -> Scene:
         """Return the scene with suggested measurements behind it."""
         old = self.scene
-        pose = np.array([(*m.pose.position_m, m.pose.tilt_rad) for m in suggestions])
+        pose = np.array([(*m.pose.translation, pin.log3(m.pose.rotation)[1]) for m in suggestions])
         given = {name: np.array([m.conditions[name] for m in suggestions]) for name in suggestions[0].conditions}
         approach = np.column_stack([given[f"approach_q{k}"] for k in (1, 2, 3, 4)])
         legs, theta = drives_of(pose[:, :3], pose[:, 3])

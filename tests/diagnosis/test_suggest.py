@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.sentences import measurement_text, next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
-from pouring_robot.diagnosis.suggest.candidates import EndPose, Prospect, candidates
+from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
 from pouring_robot.diagnosis.suggest.suggest import (
     RANDOM_SETS,
     SuggestedMeasurement,
@@ -54,8 +54,8 @@ def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
     robot = Robot.load(DELTA)
     drives = np.array([0.3, -0.2, 0.1])
     pose = robot.location_at(drives).nominal.pose_base_to_end
-    place, names = EndPose(pose.translation, pose.rotation), ("drive_backlash", "drive_scale")
-    one = SuggestedMeasurement(robot.model.definition, place, drives, {"approach_q1": 1.0}, 2.0, 1, names, 3.0)
+    names = ("drive_backlash", "drive_scale")
+    one = SuggestedMeasurement(robot.model.definition, pose, drives, {"approach_q1": 1.0}, 2.0, 1, names, 3.0)
     (tmp_path / "next.csv").write_text(Suggestion((one,), (), 3.0).plan_text(), encoding="utf-8")
     np.testing.assert_allclose(read_plan(tmp_path / "next.csv", robot).drives, [drives], rtol=0, atol=1e-8)
     assert measurement_text(one).startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ")

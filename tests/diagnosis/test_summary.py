@@ -274,7 +274,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
         offsets[joint] = {"offset_mrad" if joint == "leg4_s5" else "offset_mm": values[id(p.parameter)]}
     assert len(found.after.parameters) == len(effect.parameters)
     built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
-    moved = found.moved_by([p.parameter for p in effect.parameters])
+    moved = found.moved[effect.cause.effect]
     lip = found.model.nominal_mechanism().T_end_tool
     for row in (0, 17, 33):
         drives = found.rows.campaign.drive_values(row)

@@ -11,6 +11,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
+from pouring_robot.diagnosis.suggest.candidates import in_mm_deg
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.conditions import LOAD
@@ -336,7 +337,7 @@ def tells_most(diagnosis: Conclusions) -> list[SuggestedMeasurement]:
 def measurement_text(measurement: SuggestedMeasurement) -> str:
     """Return a suggested measurement in words: what to command, where that is, and the conditions."""
     given, robot = measurement.conditions, measurement.robot
-    place = measurement.pose.to_mm_deg()
+    place = in_mm_deg(measurement.pose)
     approaches = [name for name in approach_names(robot) if name in given]
     x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
     turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())

@@ -31,7 +31,6 @@ from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
@@ -48,34 +47,20 @@ _FRAME = 0.02
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
 
 
-@dataclass(frozen=True, eq=False)
-class EndPose:
-    """Where the end body is to stand in the base."""
-
-    position_m: FloatArray  # its origin, (3,)
-    rotation: FloatArray  # its axes, (3, 3)
-
-    @property
-    def tilt_rad(self) -> float | None:
-        """Turn about the base's y; None where it turns otherwise, too."""
-        if abs(self.rotation[1, 1] - 1.0) > _TURNED:
-            return None
-        return float(np.arctan2(self.rotation[0, 2], self.rotation[2, 2]))
-
-    def to_mm_deg(self) -> dict[str, float]:
-        """Return place in mm and turn in degrees by name: the tilt, or a rotation vector."""
-        found = {f"{axis}_mm": float(value) / MM for axis, value in zip("xyz", self.position_m, strict=True)}
-        if self.tilt_rad is not None:
-            return found | {"tilt_deg": float(np.degrees(self.tilt_rad))}
-        turn = np.degrees(rotation_vectors(self.rotation[None])[0])
-        return found | {f"r{axis}_deg": float(value) for axis, value in zip("xyz", turn, strict=True)}
+def in_mm_deg(pose: pin.SE3) -> dict[str, float]:
+    """Return a pose's place in mm and turn in degrees by name: the tilt where it is about y alone, or a vector."""
+    turn = np.degrees(pin.log3(pose.rotation)).tolist()
+    turns = dict(zip(("rx_deg", "ry_deg", "rz_deg"), turn, strict=True))
+    if abs(pose.rotation[1, 1] - 1.0) <= _TURNED:
+        turns = {"tilt_deg": turn[1]}
+    return dict(zip(("x_mm", "y_mm", "z_mm"), (pose.translation / MM).tolist(), strict=True)) | turns
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """Possible measurements."""
 
-    poses: tuple[EndPose, ...]  # n poses of the end body
+    poses: tuple[pin.SE3, ...]  # n poses of the end body in the base
     drives: FloatArray  # (n, drives) in m and rad
     hot: NDArray[np.bool_]  # whether the machine is hot, (n,)
     hours_later: FloatArray  # after the last row of the campaign, (n,)
@@ -86,8 +71,8 @@ class Candidates:
         return len(self.poses)
 
 
-Reach = tuple[Iterable[tuple[FloatArray, FloatArray]], FloatArray, float, dict[str, tuple[float, float]]]
-"""Places and axes of poses, their drives (count, drives), largest payload in kg, least and largest travels in m."""
+Reach = tuple[tuple[pin.SE3, ...], FloatArray, float, dict[str, tuple[float, float]]]
+"""Poses of the end body, their drives (count, drives), largest payload in kg, least and largest travels in m."""
 
 
 def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reach:
@@ -95,24 +80,20 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
     robot = robot_of(model)
     if isinstance(robot, PouringRobot):
         plan = random_plan(robot, count, seed)
-        poses = [pose.to_se3() for pose in plan.platform_poses]
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
-        return [(p.translation, p.rotation) for p in poses], plan.drives, robot.layout.ladle.payload.value, travels
+        poses = tuple(pose.to_se3() for pose in plan.platform_poses)
+        return poses, plan.drives, robot.layout.ladle.payload.value, travels
     drives, start = _between(campaign, model, count, seed)
     given = campaign.conditions
     seen = {name: given[name] for name in campaign.robot.travels if name in given}
     travels = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seen.items()}
     payload = float(np.nanmax(given["payload"])) if "payload" in given else 0.0
-    return zip(start.position, start.rotation, strict=True), drives, payload, travels
+    return tuple(map(pin.SE3, start.rotation, start.position)), drives, payload, travels
 
 
 def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
-    """Return drives between those of two rows of the campaign each, drawn at random, and their closed poses.
-
-    Raises:
-        BadInputError: hardly any of them closes.
-    """
+    """Return drives between those of two rows of the campaign each, drawn at random, and their closed poses."""
     random = np.random.default_rng([seed, 5])
     shares = random.uniform(0.0, 1.0, (_TRIES * count, 1))
     first, second = random.integers(0, len(campaign), (2, _TRIES * count))
@@ -146,7 +127,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
     sides = campaign.approach  # they are recorded where no column of them is empty
     recorded = None if sides is None or not np.isfinite(sides).any(axis=0).all() else approach
-    return Candidates(tuple(EndPose(*pose) for pose in poses), drives, hot, later, recorded, kept)
+    return Candidates(poses, drives, hot, later, recorded, kept)
 
 
 def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray[np.bool_]) -> FloatArray:
@@ -230,7 +211,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
-    seen = [outer * pin.SE3(pose.rotation, pose.position_m) * inner for pose in possible.poses]
+    seen = [outer * pose * inner for pose in possible.poses]
     own = campaign.metadata.frames == PER_SESSION
     session = by_size(campaign)[0] if own else SESSION
     arrays: dict[str, Any] = {

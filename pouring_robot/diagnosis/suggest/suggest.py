@@ -5,10 +5,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
+from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates, in_mm_deg
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import Conditions
@@ -37,7 +38,7 @@ class SuggestedMeasurement:
     """One pose under some conditions."""
 
     robot: RobotDefinition  # that is measured
-    pose: EndPose  # of the end body in the base
+    pose: pin.SE3  # of the end body in the base
     drives: FloatArray  # commanded, (drives,), in m and rad
     conditions: dict[str, float]  # by the column names of a campaign file, in the units they carry
     hours_later: float  # after the last row of the campaign
@@ -47,7 +48,7 @@ class SuggestedMeasurement:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
-        place, drives = self.pose.to_mm_deg(), self._commanded()
+        place, drives = in_mm_deg(self.pose), self._commanded()
         return {
             "pose": {name: round(value, 3 if name.endswith("_mm") else 4) for name, value in place.items()},
             "drives": drives,
@@ -66,7 +67,7 @@ class SuggestedMeasurement:
 
     def plan_row(self, number: int) -> dict[str, Any]:
         """Return it as a row of a plan: what to command, and the conditions."""
-        pose = {name: float(f"{value:.6g}") for name, value in self.pose.to_mm_deg().items()}
+        pose = {name: float(f"{value:.6g}") for name, value in in_mm_deg(self.pose).items()}
         command = self._commanded() if self.in_drives else pose
         return {"sample": f"next_{number}", "session": "next", **command, **self.conditions}
 
