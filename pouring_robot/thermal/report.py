@@ -91,18 +91,14 @@ class PoseHeat(Result):
     @property
     def bending_matters(self) -> bool:
         """Whether bending of leg 4 moves the lip by more than a tenth of the required accuracy."""
-        return self.bending.matters(self.lever_m, self.accuracy_m)
+        return abs(self.bending.tilt_error_rad) * self.lever_m > 0.1 * self.accuracy_m
 
     def _table(self) -> Any:
         """One row a part."""
         return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str) -> Path:
-        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm."""
         field = self.field
         rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, str, str]] = []
@@ -220,11 +216,7 @@ class ShiftHeat(Result):
         return columns
 
     def save(self, path: Path | str) -> Path:
-        """Write one row a time as CSV.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write one row a time as CSV."""
         return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
 
     def figures(self) -> dict[str, Any]:
@@ -233,10 +225,6 @@ class ShiftHeat(Result):
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
-    """Return the drawing of a robot with heat, with or without radiation.
-
-    Raises:
-        BadInputError: the properties do not fit the layout.
-    """
+    """Return the drawing of a robot with heat, with or without radiation."""
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
 from pouring_robot.thermal.network.transient import TransientOptions, integrate, simulate
@@ -16,11 +15,6 @@ from tests.support import unbalanced
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
 OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)
 DAY_S = 86400.0
-
-
-@pytest.fixture(scope="module")
-def network(drawing):
-    return ThermalNetwork(drawing)
 
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
@@ -102,8 +96,8 @@ def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
     assert np.abs(after - at)[network.bodies.nodes.legs].max() < 3.0
     assert np.abs(end - network.steady(OTHER).temperatures_K).max() < 1e-3
     # The field's geometry is that of the pose held from then on.
-    assert result[1].exposure.lengths_m == pytest.approx(network.exposure(OTHER).lengths_m)
-    assert result[0].exposure.lengths_m == pytest.approx(network.exposure(POSE).lengths_m)
+    assert result[1].exposure.lengths_m == pytest.approx(network.steady(OTHER).exposure.lengths_m)
+    assert result[0].exposure.lengths_m == pytest.approx(network.steady(POSE).exposure.lengths_m)
 
 
 def test_corners_are_where_the_slope_changes():

@@ -36,11 +36,7 @@ class ThermalExpansion:
 
     @classmethod
     def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:
-        """Take computed temperatures, and measured means by part (:data:`PARTS`) where there are any.
-
-        Raises:
-            BadInputError: as :meth:`from_temperatures`.
-        """
+        """Take computed temperatures, and measured means by part where there are any, as :meth:`from_temperatures`."""
         legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
         computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
         return cls.from_temperatures(field.properties, computed | dict(measured_degC or {}))
@@ -126,7 +122,3 @@ class LegBending:
     def tilt_error_rad(self) -> float:
         """Turn of leg 4's lower end about y: acts as an offset of the tilt drive θ46."""
         return float(self.end_rotation_rad[3, 1])
-
-    def matters(self, lever_m: float, accuracy_m: float) -> bool:
-        """Return whether the tilt error moves a point ``lever_m`` from the tilt axis by a tenth of the accuracy."""
-        return abs(self.tilt_error_rad) * lever_m > 0.1 * accuracy_m

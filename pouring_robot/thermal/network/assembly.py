@@ -62,9 +62,7 @@ class ThermalNetwork:
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
         per_bar = elements_per_bar or max(2, elements_per_leg // 5)
         self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)
-        ladle = self.bodies.ladle
-        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
-        self._bars_in_the_way = self.bodies.in_the_way
+        self._disc = DiscChords.of(self.bodies.ladle.melt_radius_m)
         self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
         self._capacity = self.bodies.capacities()
         self._built = functools.lru_cache(_KEPT_POSES)(self._build)
@@ -98,10 +96,6 @@ class ThermalNetwork:
         """Return the network at a pose as numbers."""
         return self._at(pose)[0]
 
-    def exposure(self, pose: Placed) -> LegExposure:
-        """Return where the leg elements are at a pose, and what they see of the melt."""
-        return self._at(pose)[1]
-
     def field(self, pose: Placed, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> TemperatureField:
         """Return temperatures of all nodes, shape (n,), in K, as a field at a pose."""
         return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
@@ -127,10 +121,10 @@ class ThermalNetwork:
         """Assemble the network at flattened :meth:`_placements`; return it, the legs and the platform's axes."""
         upper, lower, rotation, position = np.split(np.array(placements), [12, 24, 33])
         rotation = rotation.reshape(3, 3)
-        origin = position + rotation @ self._melt_m
+        origin = position + rotation @ self.bodies.ladle.melt_centre_m
         upper, lower = ((centres.reshape(4, 3) - origin) @ rotation for centres in (upper, lower))
         bodies, properties = self.bodies, self.properties
-        exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self._bars_in_the_way)
+        exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self.bodies.in_the_way)
         nodes, moving = bodies.nodes, bodies.moving
         matrix = self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
@@ -160,7 +154,7 @@ class ThermalNetwork:
     def view_area_m2(self, cells: BarCells, pose: Placed) -> FloatArray:
         """Return area times view factor to the melt of cells that stand in the fixed platform, shape (N,)."""
         _, _, rotation, position = self._placements(pose)
-        return self._view_area(cells, rotation, position + rotation @ self._melt_m)
+        return self._view_area(cells, rotation, position + rotation @ self.bodies.ladle.melt_centre_m)
 
     def melt_points_m(self, pose: Placed, count: int) -> FloatArray:
         """Return points spread evenly over the melt's surface (Vogel's spiral), in the fixed platform, (count, 3)."""
@@ -168,10 +162,10 @@ class ThermalNetwork:
         turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
         radii = self._disc.radius_m * np.sqrt((np.arange(count) + 0.5) / count)
         on_disc = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), np.zeros(count)])
-        return np.asarray(position + (on_disc + self._melt_m) @ rotation.T)
+        return np.asarray(position + (on_disc + self.bodies.ladle.melt_centre_m) @ rotation.T)
 
     def _view_area(self, cells: BarCells, rotation: FloatArray, origin: FloatArray) -> FloatArray:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
-        factors = hidden_view_factors(faces, middles, normals, self._disc, self._bars_in_the_way)
+        factors = hidden_view_factors(faces, middles, normals, self._disc, self.bodies.in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))

@@ -1,0 +1,11 @@
+"""What tests of heat share."""
+
+import pytest
+
+from pouring_robot.thermal.network.assembly import ThermalNetwork
+
+
+@pytest.fixture(scope="session")
+def network(drawing):
+    """The thermal network of the drawing."""
+    return ThermalNetwork(drawing)
