@@ -20,6 +20,18 @@ def pytest_configure():
     one_blas_thread_from_the_start()
 
 
+@pytest.fixture
+def written(tmp_path, request):
+    """What writes a file of a test, called as its module says (``WRITTEN``), and returns its path."""
+
+    def write(content):
+        path = tmp_path / request.module.WRITTEN
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
 @pytest.fixture(scope="session")
 def drawing():
     """The robot without errors."""

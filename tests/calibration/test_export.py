@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 
 import pytest
 
@@ -10,13 +11,6 @@ from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.files import check_folder
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
-
-
-def swapped(calibration, **changes):
-    """Return a calibration with attributes replaced."""
-    other = object.__new__(type(calibration))
-    other.__dict__.update(calibration.__dict__ | changes)
-    return other
 
 
 def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
@@ -39,7 +33,7 @@ def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path):
 
 
 def test_a_model_that_is_worse_on_held_out_rows_says_so(found):
-    worse = swapped(found, before=found.after, after=found.before)
+    worse = replace(found, before=found.after, after=found.before)
     assert "do not use this model" in described(worse).description
 
 
@@ -70,4 +64,4 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
 def test_the_model_file_says_that_heat_took_no_part(found):
     warm = found.present.model_copy(update={"heat": HeatSection()})
     assert "heat section" not in described(found).description
-    assert "heat section of the model took no part" in described(swapped(found, present=warm)).description
+    assert "heat section of the model took no part" in described(replace(found, present=warm)).description

@@ -1,19 +1,13 @@
 """The figures: complete, finite, in JSON; warnings when there is something to warn of."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.checks.flags import DataFlag, FlagCode
 from pouring_robot.robot.heat_section import HeatSection
-
-
-def swapped(calibration, **changes):
-    """Return a calibration with attributes replaced."""
-    other = object.__new__(type(calibration))
-    other.__dict__.update(calibration.__dict__ | changes)
-    return other
 
 
 def test_figures_are_json_and_agree_with_the_calibration(found):
@@ -40,21 +34,21 @@ def test_unchanged_figures(unchanged):
 def test_warnings(found):
     # Sixty poses all over the box show whatever can be shown: what is left is no reason to measure again.
     assert not any("rank" in line for line in warnings_of(found))
-    short = swapped(found, rank_anywhere=found.base.rank + 3)
+    short = replace(found, rank_anywhere=found.base.rank + 3)
     assert any(f"do not show 3 of {found.base.rank + 3} combinations" in line for line in warnings_of(short))
     assert calibration_metrics(found)["rank_deficient"] is True
-    worse = swapped(found, before=found.after, after=found.before)
+    worse = replace(found, before=found.after, after=found.before)
     assert any("do not use this model" in line for line in warnings_of(worse))
     assert not any("do not use" in line for line in warnings_of(found))
     other = DataFlag(FlagCode.ANOTHER_ROBOT, FlagCode.ANOTHER_ROBOT.severity, "names another", "mend")
-    assert "names another" in warnings_of(swapped(found, flags=(other,)))
-    assert any("3.00 times the noise" in line for line in warnings_of(swapped(found, inflation=3.0)))
+    assert "names another" in warnings_of(replace(found, flags=(other,)))
+    assert any("3.00 times the noise" in line for line in warnings_of(replace(found, inflation=3.0)))
 
 
 def test_what_to_measure_next(found, unchanged):
     lines = next_measurements(found)
     assert any("poses that narrow the intervals most" in line for line in lines)
-    short = swapped(found, rank_anywhere=found.base.rank + 3)
+    short = replace(found, rank_anywhere=found.base.rank + 3)
     assert any("poses that determine what is still open" in line for line in next_measurements(short))
     assert any("campaign plan --out next.csv --priors" in line for line in lines)
     assert any("known least at x" in line for line in lines)
@@ -73,12 +67,12 @@ def test_notes_say_what_no_measurement_tells(found, unchanged):
 
 def test_groups_not_kept_are_named_as_taken_for_exact(found):
     dropped = [group.name for group in found.candidates if group not in found.selection.groups]
-    everything = swapped(found, candidates=found.selection.groups)
+    everything = replace(found, candidates=found.selection.groups)
     assert not any("taken as exact" in line for line in notes_of(everything))
-    (line,) = [line for line in notes_of(swapped(found, candidates=found.candidates)) if "exact" in line]
+    (line,) = [line for line in notes_of(replace(found, candidates=found.candidates)) if "exact" in line]
     assert dropped and all(name in line for name in dropped)
 
 
 def test_a_heat_section_that_took_no_part_is_warned_of(found):
-    warm = swapped(found, present=found.present.model_copy(update={"heat": HeatSection()}))
+    warm = replace(found, present=found.present.model_copy(update={"heat": HeatSection()}))
     assert any("heat section of the model took no part" in line for line in warnings_of(warm))

@@ -28,14 +28,7 @@ class Machine(StrictModel):
     drive: tuple[Part, ...] | str = ""
 
 
-@pytest.fixture
-def written(tmp_path):
-    def write(content):
-        path = tmp_path / "machine.yaml"
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
+WRITTEN = "machine.yaml"
 
 
 def read(path):

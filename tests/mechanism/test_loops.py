@@ -12,16 +12,7 @@ drives: [left, right]
 loops:
   - {name: tips, frame_a: a_tip, frame_b: b_tip, type: 3d}
 """
-
-
-@pytest.fixture
-def written(tmp_path):
-    def write(text):
-        path = tmp_path / "loops.yaml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+WRITTEN = "loops.yaml"
 
 
 def test_the_shipped_file_declares_the_four_chains():

@@ -17,16 +17,7 @@ heat:
     steel: {emissivity: 0.6}
     moving_platform: {cladding_thickness: 15}
 """
-
-
-@pytest.fixture
-def written(tmp_path):
-    def write(text):
-        path = tmp_path / "robot.yaml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+WRITTEN = "robot.yaml"
 
 
 def test_it_round_trips(written, tmp_path):

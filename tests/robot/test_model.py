@@ -26,16 +26,7 @@ from tests.support import ACTUAL, ROOT, crooked_model
 
 LEARNED = ROOT / "examples" / "learned.yaml"
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"
-
-
-@pytest.fixture
-def written(tmp_path):
-    def write(text):
-        path = tmp_path / "model.yaml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+WRITTEN = "model.yaml"
 
 
 def test_load_save_load_changes_nothing(tmp_path):

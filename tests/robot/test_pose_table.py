@@ -11,16 +11,7 @@ from pouring_robot.robot.pose_table import read_pose_lines, read_poses
 from tests.support import ROOT
 
 HEADER = "x_mm,y_mm,z_mm,tilt_deg\n"
-
-
-@pytest.fixture
-def written(tmp_path):
-    def write(content):
-        path = tmp_path / "poses.csv"
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
+WRITTEN = "poses.csv"
 
 
 def test_the_shipped_poses():

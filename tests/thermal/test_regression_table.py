@@ -9,16 +9,7 @@ from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.thermal.regression.table import ErrorTable
 
 GOOD = "melt_degC,P1_mm,P2_mm\n600,1,2\n700,1.5,2.5\n800,2.5,2.75\n"
-
-
-@pytest.fixture
-def written(tmp_path):
-    def write(content):
-        path = tmp_path / "errors.csv"
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
+WRITTEN = "errors.csv"
 
 
 @pytest.mark.parametrize(
