@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.rotations import rotation_vectors
@@ -147,9 +148,8 @@ def _robot(scene: Scene, robot: SceneRobot, shapes: list[Shape]) -> Content:
 def _places(scene: Scene, robot: SceneRobot) -> Content:
     """Return quaternion and origin of every body without error, and shift and rotation vector of its error."""
     reference = robot.bodies if robot.reference is None else robot.reference
-    vectors = rotation_vectors(reference[..., :3, :3])
-    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    quaternions = np.concatenate([0.5 * np.sinc(angle / (2.0 * np.pi)) * vectors, np.cos(angle / 2.0)], axis=-1)
+    axes = Rotation.from_matrix(reference[..., :3, :3].reshape(-1, 3, 3))
+    quaternions = axes.as_quat(canonical=True).reshape(*reference.shape[:2], 4)
     turn = rotation_vectors(robot.bodies[..., :3, :3] @ np.swapaxes(reference[..., :3, :3], -1, -2))
     shift = np.broadcast_to((robot.bodies - reference)[..., :3, 3], turn.shape)
     content: Content = {
