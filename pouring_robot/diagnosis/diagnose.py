@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
-from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import poses, processes_of, varied
 from pouring_robot.diagnosis.report.export import write_diagnosis
@@ -40,6 +38,7 @@ from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.mechanism.arrays import Indices
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
@@ -177,8 +176,8 @@ def diagnose(
 class _Searched:
     """What explains a campaign best, with some rows left out, and what that was found with."""
 
-    outliers: NDArray[np.intp]
-    inliers: NDArray[np.intp]
+    outliers: Indices
+    inliers: Indices
     parts: Split | None
     notes: tuple[str, ...]
     diagnoser: Diagnoser
@@ -196,7 +195,7 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def searched(self, wrong: NDArray[np.intp], start: Hypothesis | None = None) -> _Searched:
+    def searched(self, wrong: Indices, start: Hypothesis | None = None) -> _Searched:
         """Search with some rows left out, from what was found with more rows."""
         kept = self.campaign.usable.copy()
         for rows_out in (wrong, *rows_beyond(self.campaign).values()):
@@ -262,12 +261,7 @@ class _Work:
         if passing and judgement.causes:  # they are of these rows, not of the robot
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)
             after, hypothesis = diagnoser.settled(after, hypothesis)
-        given, notes = rows.conditions, list(found.notes)
-        notes += [
-            f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled
-        ]
-        notes += [*(f"assumed: {line}" for line in given.assumed), *rows.untold]
-        sigma = rows.measured.sigma
+        given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
         diagnosis = Diagnosis(
@@ -287,12 +281,12 @@ class _Work:
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
-            effects=named_effects(hypothesis, judgement, self.effects, diagnoser.parameters_of(hypothesis)),
+            effects=diagnoser.named(hypothesis, judgement.causes),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,
             in_turn=in_turn,
-            notes=tuple(notes),
+            notes=(*found.notes, *(f"assumed: {line}" for line in given.assumed), *rows.untold),
             next_count=self.options.next_count,
         )
         if not (diagnosis.refused and judgement.names):

@@ -4,9 +4,6 @@ import functools
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.gap import Gap, InTurn
@@ -18,6 +15,7 @@ from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.mechanism.arrays import BoolArray, Indices
 from pouring_robot.robot.model import RobotModel
 
 
@@ -28,11 +26,11 @@ class Findings:
     campaign: Campaign  # all rows of the file
     model: RobotModel  # the given model
     rows: CampaignRows  # the inliers against it
-    inliers: NDArray[np.intp]  # index in the campaign of each of them, (n,)
-    outliers: NDArray[np.intp]  # rows left out as gross errors, by index in the campaign
+    inliers: Indices  # index in the campaign of each of them, (n,)
+    outliers: Indices  # rows left out as gross errors, by index in the campaign
     flags: tuple[DataFlag, ...]  # what the checks found in the data
     noise: NoiseLevel  # of the measurements
-    fitted: NDArray[np.bool_]  # which inliers were fitted, (n,); the others are held out
+    fitted: BoolArray  # which inliers were fitted, (n,); the others are held out
     held_out_name: str  # which block is held out, in words; empty where there are too few rows to hold any out
     diagnoser: Diagnoser  # the search
     before: State  # the given model, only its frames fitted

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
@@ -20,7 +19,7 @@ from pouring_robot.estimation.instruments import LENGTHS, are, component_name, k
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 FEWEST_VALUES = 50
@@ -54,7 +53,7 @@ class Gap:
     before: FloatArray  # with the given model and its frames fitted, shape (K,), in m and rad
     after: FloatArray  # with the amended model, shape (K,), in m and rad
     floor: FloatArray  # the noise, shape (K,), in m and rad
-    counts: NDArray[np.intp]  # number of values, shape (K,)
+    counts: Indices  # number of values, shape (K,)
 
     @classmethod
     def between(cls, before: WhitenedRows, after: WhitenedRows, rows: BoolArray, sigma: FloatArray) -> Gap:
@@ -65,7 +64,7 @@ class Gap:
         return cls(int(rows.sum()), was, left, np.asarray(sigma, float), counts)
 
     @property
-    def seen(self) -> NDArray[np.intp]:
+    def seen(self) -> Indices:
         """The components of which something was measured."""
         return np.flatnonzero(self.counts)
 
@@ -131,7 +130,7 @@ def held_out_in_turn(
     diagnoser: Diagnoser,
     before: LinearState,
     after: LinearState,
-    blocks: Sequence[NDArray[np.intp]],
+    blocks: Sequence[Indices],
     names: frozenset[str],
     progress: Progress = say_nothing,
 ) -> InTurn | None:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import EffectParameter
@@ -22,7 +21,7 @@ from pouring_robot.effects.families.joints import axis_parameters, place_paramet
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.mechanism.poses import MRAD
 from pouring_robot.robot.description.definition import Drive
@@ -59,8 +58,8 @@ class Places:
     def of(
         cls,
         given: Conditions,
-        row: NDArray[np.intp],
-        component: NDArray[np.intp],
+        row: Indices,
+        component: Indices,
         sigma: FloatArray,
         axes: FloatArray,
         drives: FloatArray,
@@ -77,7 +76,7 @@ class Places:
         return cls(given, tuple(Channel(d.symbol, c, sums, d.unit == "rad") for d, c in named), tuple(seen))
 
 
-def shown(component: NDArray[np.intp]) -> tuple[int, ...]:
+def shown(component: Indices) -> tuple[int, ...]:
     """Return the components measured; of a place or a rotation all three, as they are turned into other axes."""
     seen = set(np.unique(component).tolist())
     groups = {k // 3 if k < 6 else k for k in seen}
@@ -140,7 +139,7 @@ def _without_mean(course: FloatArray) -> FloatArray:
     return np.asarray(course - course.mean(axis=0))
 
 
-def varied(effect: str, part: FloatArray, given: Conditions, row: NDArray[np.intp]) -> Iterator[Process]:
+def varied(effect: str, part: FloatArray, given: Conditions, row: Indices) -> Iterator[Process]:
     """Yield how the size of what an effect adds to the whitened prediction, (m,), may vary with each condition."""
     channel = Channel(effect, part, sums_of(row, len(given)))
     for by, lengths in (*_of_one_condition(given), *_of_pose(given, _POSE_LENGTHS)):

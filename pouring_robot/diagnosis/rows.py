@@ -15,7 +15,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
@@ -30,7 +29,7 @@ from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import (
     COMPONENTS,
     GeometricParameter,
@@ -71,15 +70,15 @@ class WhitenedRows:
     """Residuals at one state."""
 
     residual: FloatArray  # measured minus predicted over the noise, shape (m,)
-    row: NDArray[np.intp]  # row of each equation, (m,)
-    component: NDArray[np.intp]  # component 0 to 5 of each equation, (m,)
+    row: Indices  # row of each equation, (m,)
+    component: Indices  # component 0 to 5 of each equation, (m,)
     sigma: FloatArray  # noise of each equation's component, (m,), in m or rad
 
-    def of(self, rows: NDArray[np.bool_]) -> Self:
+    def of(self, rows: BoolArray) -> Self:
         """Return the equations of some rows, by a mask (n,)."""
         return self.some(rows[self.row])
 
-    def some(self, equations: slice | NDArray[np.bool_]) -> Self:
+    def some(self, equations: slice | BoolArray) -> Self:
         """Return some of the equations."""
         return replace(self, **{field.name: getattr(self, field.name)[equations] for field in fields(self)})
 
@@ -98,7 +97,7 @@ class LinearRows(WhitenedRows):
     # likewise by the frames, were the base not moved from row to row by what was found, (m, 12)
     still: FloatArray
     scale: FloatArray  # derivative of the prediction by the device's scale, (m,)
-    own: NDArray[np.bool_]  # whether an equation is of a session with frames of its own, (m, s)
+    own: BoolArray  # whether an equation is of a session with frames of its own, (m, s)
 
     @property
     def frame_columns(self) -> FloatArray:
@@ -228,7 +227,7 @@ class CampaignRows:
         local = local_changes(parameters, values.tolist())
         return RowChanges.of(local, self.measurement.engine.structure, len(self))
 
-    def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
+    def refined_frames(self, fitted: BoolArray) -> SeenFrom:
         """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""
         frames = self.frames
         for _ in range(_FRAME_STEPS):
@@ -308,7 +307,7 @@ class Signatures:
         """Equations and parameters, (m, k)."""
         return len(self.linear.residual), len(self.parameters)
 
-    def __getitem__(self, some: slice | NDArray[np.bool_]) -> FloatArray:
+    def __getitem__(self, some: slice | BoolArray) -> FloatArray:
         """Return those of some equations, (some, k)."""
         linear = self.linear.some(some)
         return np.column_stack([self.rows.column(p, linear) for p in self.parameters])

@@ -5,18 +5,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.parameters import FoundByKey, found_parameters
+from pouring_robot.diagnosis.parameters import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.inference.explanations import Problem
+from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_chance, search
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 
 _ROUNDS = 4
 _SETTLED, _EXACT = 0.02, 1e-3
@@ -33,7 +33,7 @@ class State:
     values: FloatArray  # one a parameter, in its unit
     frames: SeenFrom  # the two frames
     every_row: WhitenedRows  # residuals there
-    fitted: NDArray[np.bool_]  # which rows are fitted, (n,)
+    fitted: BoolArray  # which rows are fitted, (n,)
 
     @property
     def fitted_rows(self) -> WhitenedRows:
@@ -64,7 +64,7 @@ class Diagnoser:
 
     rows: CampaignRows  # the campaign
     library: Library  # what may be found
-    fitted: NDArray[np.bool_]  # rows that may be fitted, (n,); the others play no part
+    fitted: BoolArray  # rows that may be fitted, (n,); the others play no part
     options: SearchOptions = DEFAULT_SEARCH  # thresholds of the search
 
     @functools.cached_property
@@ -134,8 +134,25 @@ class Diagnoser:
         return state, hypothesis
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
-        """Return every group of a hypothesis that has parameters, with their values."""
-        return found_parameters(hypothesis, self.library.every_form)
+        """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
+        mean, covariance = hypothesis.coefficients()
+        std, forms, found = np.sqrt(np.diag(covariance)), self.library.every_form, []
+        for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
+            if group.key in forms:
+                parameters = forms[group.key].parameters
+                units = weights * np.array([p.prior_std for p in parameters])
+                values = zip(parameters, (units * mean[own]).tolist(), (units * std[own]).tolist(), strict=True)
+                found.append((group.key, tuple(FoundParameter(*each) for each in values)))
+        return found
+
+    def named(self, hypothesis: Hypothesis, causes: Iterable[Cause]) -> tuple[NamedEffect, ...]:
+        """Return causes that a hypothesis makes with their parameters."""
+        known, effects, named = dict(self.parameters_of(hypothesis)), self.library.effects, []
+        for cause in causes:
+            keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
+            parameters = tuple(found for key in keys for found in known[key])
+            named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
+        return tuple(named)
 
     def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> FloatArray:
         """Return what an effect at work adds to the prediction to first order, whitened, (m,), the frames held.

@@ -8,7 +8,6 @@ still throughout takes one entry.
 import base64
 import dataclasses
 import json
-from collections.abc import Sequence
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.io.files import write_whole
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.page import templates
 from pouring_robot.viewer.scene import (
@@ -26,7 +26,6 @@ from pouring_robot.viewer.scene import (
     Scene,
     SceneArrows,
     SceneRobot,
-    Vector,
     at_step,
     legend,
 )
@@ -162,7 +161,7 @@ def _places(scene: Scene, robot: SceneRobot) -> Content:
     return content
 
 
-def _course(values: Vector) -> list[str]:
+def _course(values: FloatArray) -> list[str]:
     """Return the course of every body, one entry where it stands still, from numbers (k, bodies, n)."""
     courses = np.swapaxes(values, 0, 1)
     still = np.ptp(courses, axis=1).max(axis=-1, initial=0.0) < _STILL
@@ -192,7 +191,7 @@ def _shape(shape: Shape) -> Content:
     }
 
 
-def _cameras(scene: Scene, overview: Camera, points: Vector) -> dict[str, Camera]:
+def _cameras(scene: Scene, overview: Camera, points: FloatArray) -> dict[str, Camera]:
     """Return the places to look from: all, from three sides, and closer to the tip where there is one arrow."""
     found = {"all": overview} | {name: camera_around(points, direction) for name, direction in _DIRECTIONS.items()}
     single = [item for item in scene.arrows if item.starts_m.shape[1] == 1]
@@ -204,7 +203,7 @@ def _cameras(scene: Scene, overview: Camera, points: Vector) -> dict[str, Camera
     return found
 
 
-def _floats(values: Vector | Sequence[float]) -> str:
+def _floats(values: FloatArray) -> str:
     return _bytes(np.asarray(values, dtype="<f4"))
 
 

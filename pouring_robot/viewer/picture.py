@@ -14,7 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
-from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
+from pouring_robot.mechanism.arrays import BoolArray
+from pouring_robot.viewer.raycast import Floats, Hits, Layer, View, edge_mask, lit_colours
 from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, LegendEntry, Scene, at_step, exaggeration_text, legend
 from pouring_robot.viewer.shapes import Solid, arrow_ends, camera_on, solids, view_height
 
@@ -147,7 +148,7 @@ def _shaded(layer: Layer, directions: Floats, hits: Hits) -> Floats:
     return lit_colours(layer.camera, directions, hits, fine)
 
 
-def _over(below: Floats, above: Floats, where: Mask, opacity: float) -> None:
+def _over(below: Floats, above: Floats, where: BoolArray, opacity: float) -> None:
     """Blend one picture over another, in place, where the mask says so."""
     below[where] += np.float32(opacity) * (above[where] - below[where])
 

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.viewer.scene import Camera
 from pouring_robot.viewer.shapes import Solid
 
 Floats = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 _FAR = np.float32(1e30)
 _FLUSH_M = np.float32(5e-4)
@@ -49,7 +49,7 @@ class View:
         directions /= np.sqrt(1 + x[None, :, None] ** 2 + y[:, None, None] ** 2)
         return np.ascontiguousarray(directions)
 
-    def project(self, points_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def project(self, points_m: FloatArray) -> FloatArray:
         """Return column and row at which world points appear, shape (n, 2); NaN for those behind the eye."""
         x, y, depth = self.camera.axes() @ (points_m - self.camera.eye_m).T
         depth = np.where(depth > 1e-6, depth, np.nan)
@@ -77,7 +77,7 @@ class Hits:
     plane: Floats  # distance of the eye from the surface's plane at the point, m; zero where nothing was met
 
     @property
-    def mask(self) -> Mask:
+    def mask(self) -> BoolArray:
         """Where something was met."""
         return np.asarray(self.part >= 0)
 
@@ -184,7 +184,7 @@ def lit_colours(camera: Camera, directions: Floats, hits: Hits, daylight: Sequen
     return colours
 
 
-def edge_mask(hits: Hits) -> Mask:
+def edge_mask(hits: Hits) -> BoolArray:
     """Return where a solid ends before another or has a crease: one sample wide, shape (rows, columns).
 
     Where two of one colour lie in one plane, which of them a ray meets is chance: there is no line between them.
@@ -228,7 +228,7 @@ def _around(random: np.random.Generator, count: int, rounds: int) -> Iterator[Fl
         yield np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-def _blurred(values: Floats, mask: Mask, width: int) -> Floats:
+def _blurred(values: Floats, mask: BoolArray, width: int) -> Floats:
     """Spread values over their neighbours, counting only samples that met something."""
     spread = np.zeros(mask.shape, dtype=np.float32)
     spread[mask] = values

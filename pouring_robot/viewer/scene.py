@@ -7,13 +7,11 @@ reader change it.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import finite, read_only
+from pouring_robot.mechanism.arrays import FloatArray, finite, read_only
 
-Vector = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
 """Red, green and blue, each 0 to 1."""
 
@@ -40,11 +38,11 @@ class SceneRobot:
     name: str  # what the legend calls it; unique in the scene
     visual: pin.GeometryModel  # its visual geometry, from :func:`pouring_robot.viewer.visual_model`.
     # where the bodies stand that the visuals hang on (their ``parentJoint``), shape (k, bodies, 4, 4), m
-    bodies: Vector
+    bodies: FloatArray
     # where the same bodies would stand without error, likewise; the difference is what the scene enlarges. None:
     # nothing is enlarged.
-    reference: Vector | None = None
-    colours: Vector | None = None  # of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``
+    reference: FloatArray | None = None
+    colours: FloatArray | None = None  # of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``
     opacity: float = 1.0  # 1 is solid; below 1 the robot is drawn translucent
     tint: Colour | None = None  # colour of every part; None keeps the colours of the URDF
     label: str = ""  # a few words for the legend after the name
@@ -74,8 +72,8 @@ class SceneArrows:
     """Arrows that are drawn in front of everything, at every step or the same throughout; one alone says its length."""
 
     name: str  # unique in the scene
-    starts_m: Vector  # tails in the world, shape (k, arrows, 3), m
-    vectors_m: Vector  # true lengths and directions, likewise; they are drawn enlarged
+    starts_m: FloatArray  # tails in the world, shape (k, arrows, 3), m
+    vectors_m: FloatArray  # true lengths and directions, likewise; they are drawn enlarged
     colour: Colour = ARROW_RED  # red, green, blue, 0 to 1
     label: str = ""  # a few words for the legend after the name
     shown_with: str = ""  # the state (a robot with ``choice``) that they belong to; "" for all
@@ -101,7 +99,7 @@ class Curve:
 
     name: str  # what it is
     unit: str  # of its values; curves of one unit have one scale
-    values: Vector  # shape (k,)
+    values: FloatArray  # shape (k,)
     colour: Colour = ARROW_RED  # red, green, blue, 0 to 1
 
 
@@ -114,7 +112,7 @@ class ColourScale:
     lower: float
     upper: float
 
-    def colours(self, values: Vector) -> Vector:
+    def colours(self, values: FloatArray) -> FloatArray:
         """Return the colours of values, shape (..., 3), 0 to 1."""
         from matplotlib import colormaps
 
@@ -126,8 +124,8 @@ class ColourScale:
 class Camera:
     """A perspective camera; the world's z axis points up in the picture."""
 
-    eye_m: Vector  # where it stands in the world, shape (3,), m
-    target_m: Vector  # what it looks at (and what a live view turns about), shape (3,), m
+    eye_m: FloatArray  # where it stands in the world, shape (3,), m
+    target_m: FloatArray  # what it looks at (and what a live view turns about), shape (3,), m
     vertical_view_deg: float = 30.0  # angle between the lower and the upper edge of the picture, degrees
 
     def __post_init__(self) -> None:
@@ -140,7 +138,7 @@ class Camera:
         if not 1.0 <= self.vertical_view_deg <= 120.0:
             raise BadInputError(f"camera: vertical_view_deg {self.vertical_view_deg:g} is not in [1, 120]")
 
-    def axes(self) -> Vector:
+    def axes(self) -> FloatArray:
         """Return the camera's right, up and forward directions in the world as rows, shape (3, 3)."""
         forward = self.target_m - self.eye_m
         forward = forward / np.linalg.norm(forward)
@@ -157,7 +155,7 @@ class Scene:
     robots: tuple[SceneRobot, ...]  # the robots; names unique
     arrows: tuple[SceneArrows, ...] = ()  # error arrows
     steps: tuple[Step, ...] = (Step(),)  # what is shown one after the other; a picture shows the step ``first``
-    at: Vector | None = None  # where the steps lie on their axis, increasing, shape (k,); None numbers them from 1
+    at: FloatArray | None = None  # where the steps lie on their axis, increasing, shape (k,); None numbers them from 1
     axis: str = ""  # what that axis is, with its unit; "" where steps follow no order, and a page has a button for each
     curves: tuple[Curve, ...] = ()  # figures over the steps
     scale: ColourScale | None = None  # what colours mean
@@ -189,7 +187,7 @@ class Scene:
             raise BadInputError(f"the scene has no step {self.first}")
 
 
-def at_step(values: Vector, step: int) -> Vector:
+def at_step(values: FloatArray, step: int) -> FloatArray:
     """Return the entry of one step; there may be one for all."""
     return np.asarray(values[step if len(values) > 1 else 0])
 

@@ -16,9 +16,9 @@ import pinocchio as pin
 import trimesh
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.mechanism.arrays import evenly, read_only
+from pouring_robot.mechanism.arrays import FloatArray, evenly, read_only
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
-from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, Vector, at_step
+from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, at_step
 
 _DIRECTION = (0.60, -1.0, 0.50)
 """From the mechanism towards the camera by default: between the rails, the pouring lip to the right."""
@@ -38,10 +38,10 @@ _ROUND_SECTIONS = 40
 class Shape:
     """A surface of triangles in its own frame."""
 
-    vertices: Vector  # shape (v, 3), m; doubled along creases so that each copy has one normal
-    normals: Vector  # shape (v, 3), unit, outward where the triangles are wound counter-clockwise
+    vertices: FloatArray  # shape (v, 3), m; doubled along creases so that each copy has one normal
+    normals: FloatArray  # shape (v, 3), unit, outward where the triangles are wound counter-clockwise
     faces: npt.NDArray[np.int64]  # shape (f, 3), rows of vertex numbers
-    edges: Vector  # shape (e, 2, 3), m: both ends of every crease and border
+    edges: FloatArray  # shape (e, 2, 3), m: both ends of every crease and border
 
 
 def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:
@@ -130,22 +130,22 @@ class Solid:
     name: str  # unique within the group
     link: str  # the link it hangs on; empty for arrows
     shape: Shape  # its triangles in its own frame, m
-    pose_world_to_solid: Vector  # homogeneous matrix, shape (4, 4), m
+    pose_world_to_solid: FloatArray  # homogeneous matrix, shape (4, 4), m
     colour: Colour  # red, green, blue, 0 to 1
     opacity: float = 1.0  # 1 is solid
     on_top: bool = False  # drawn in front of everything else
 
-    def vertices_in_world(self) -> Vector:
+    def vertices_in_world(self) -> FloatArray:
         """Return the vertices in the world frame, shape (v, 3), m."""
         pose = self.pose_world_to_solid
         return self.shape.vertices @ pose[:3, :3].T + pose[:3, 3]
 
-    def normals_in_world(self) -> Vector:
+    def normals_in_world(self) -> FloatArray:
         """Return the vertex normals in the world frame, shape (v, 3), unit."""
         return self.shape.normals @ self.pose_world_to_solid[:3, :3].T
 
 
-def enlarged(bodies: Vector, reference: Vector, factor: float) -> Vector:
+def enlarged(bodies: FloatArray, reference: FloatArray, factor: float) -> FloatArray:
     """Return poses that stand ``factor`` times as far from a reference as they do, shape (..., 4, 4).
 
     Shift and rotation vector are each multiplied, body by body, in the axes of the world.
@@ -176,7 +176,7 @@ def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_vi
     return camera_around(outline(scene), direction, vertical_view_deg)
 
 
-def outline(scene: Scene) -> Vector:
+def outline(scene: Scene) -> FloatArray:
     """Return what a camera is to see of a scene, in several of its steps, as points in the world, shape (k, 3), m."""
     steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
@@ -185,7 +185,9 @@ def outline(scene: Scene) -> Vector:
     return np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
 
 
-def camera_around(points: Vector, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
+def camera_around(
+    points: FloatArray, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0
+) -> Camera:
     """Return a camera in a direction (any length) of the world that shows points (k, 3) as large as will fit."""
     if not len(points):
         return Camera(3.0 * np.asarray(direction), np.zeros(3), vertical_view_deg)
@@ -232,7 +234,7 @@ def robot_solids(scene: Scene, robot: SceneRobot, step: int) -> list[Solid]:
     ]
 
 
-def colours_at(scene: Scene, robot: SceneRobot, step: int) -> Vector:
+def colours_at(scene: Scene, robot: SceneRobot, step: int) -> FloatArray:
     """Return the colours of a robot's visuals at a step, shape (visuals, 3), 0 to 1."""
     own = np.array([robot.tint or item.meshColor[:3] for item in robot.visual.geometryObjects]).reshape(-1, 3)
     colours = own if robot.colours is None else at_step(robot.colours, step).copy()
@@ -252,7 +254,7 @@ def _coincide(one: Solid, other: Solid) -> bool:
     return same_shape and np.allclose(one.pose_world_to_solid, other.pose_world_to_solid, rtol=0.0, atol=_SAME_PLACE)
 
 
-def arrow_ends(scene: Scene, item: SceneArrows, step: int) -> tuple[Vector, Vector]:
+def arrow_ends(scene: Scene, item: SceneArrows, step: int) -> tuple[FloatArray, FloatArray]:
     """Return tails and tips of arrows as they are drawn, shape (arrows, 3) each, m."""
     tails = at_step(item.starts_m, step)
     return tails, tails + scene.exaggeration * at_step(item.vectors_m, step)
@@ -269,7 +271,7 @@ def _arrow_solids(scene: Scene, item: SceneArrows, step: int, thickness_m: float
     ]
 
 
-def _arrow_parts(start: Vector, end: Vector, thickness_m: float) -> list[tuple[str, Shape, Vector]]:
+def _arrow_parts(start: FloatArray, end: FloatArray, thickness_m: float) -> list[tuple[str, Shape, FloatArray]]:
     way = end - start
     length = float(np.linalg.norm(way))
     if length < 0.5 * thickness_m:

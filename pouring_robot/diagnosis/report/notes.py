@@ -20,7 +20,7 @@ _MOST_LINES = 8
 def note_lines(diagnosis: Conclusions) -> list[str]:
     """Return what limits the answer."""
     given = diagnosis.rows.conditions
-    lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
+    lines = list(diagnosis.notes)
     if len(diagnosis.rows) < _FEW_ROWS:
         lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
     if not diagnosis.rows.measured.framed:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -19,7 +18,7 @@ from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import variances_of
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
@@ -46,7 +45,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     return drawn
 
 
-def _shown(diagnosis: Conclusions) -> NDArray[np.bool_]:
+def _shown(diagnosis: Conclusions) -> BoolArray:
     """Return which rows are drawn, shape (n,): all, or an even choice of many."""
     count = len(diagnosis.rows)
     return np.isin(np.arange(count), evenly(count, _MOST_ROWS))
@@ -64,7 +63,7 @@ def _gap(diagnosis: Conclusions) -> str:
     return svg_of(figure)
 
 
-def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amended: bool) -> None:
+def _gap_panel(axes: Any, gaps: dict[str, Gap], part: Indices, *, amended: bool) -> None:
     (unit, si), places = component_unit(int(part[0])), np.arange(part.size)
     for shift, (name, gap) in zip((0.14, -0.14), gaps.items(), strict=False):
         before, after, floor = gap.before[part] / si, gap.after[part] / si, gap.floor[part] / si
@@ -128,7 +127,7 @@ def _residuals(diagnosis: Conclusions) -> str:
     return svg_of(figure)
 
 
-def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: NDArray[np.bool_]) -> list[str]:
+def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: BoolArray) -> list[str]:
     """Return what the points of rows are, those left out that are not drawn."""
     named = zip(diagnosis.rows.campaign.lines, values, drawn, strict=True)
     return [f"line {line}: {value:+.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
@@ -29,7 +28,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
@@ -62,7 +61,7 @@ class Candidates:
 
     poses: tuple[pin.SE3, ...]  # n poses of the end body in the base
     drives: FloatArray  # (n, drives) in m and rad
-    hot: NDArray[np.bool_]  # whether the machine is hot, (n,)
+    hot: BoolArray  # whether the machine is hot, (n,)
     hours_later: FloatArray  # after the last row of the campaign, (n,)
     approach: FloatArray | None  # (n, drives) +1 or -1; None where the campaign does not say it of every drive
     conditions: dict[str, FloatArray]  # (n,) each by quantity name; only those that the campaign has
@@ -130,7 +129,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     return Candidates(poses, drives, hot, later, recorded, kept)
 
 
-def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray[np.bool_]) -> FloatArray:
+def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: BoolArray) -> FloatArray:
     """Return temperatures of a part, (n,): cold, or as hot as it was seen, at least by a plausible rise."""
     if kind.hot_degC is not None:
         return np.where(hot, kind.hot_degC, cold)

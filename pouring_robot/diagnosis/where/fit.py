@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from pouring_robot.diagnosis.processes import shown
@@ -11,7 +10,7 @@ from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.estimation.noise import commands
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
 _FEWEST = 6
 _LARGER = 1.3
@@ -19,19 +18,16 @@ _HEIGHTS = ("low", "at middle height", "high")
 _TILTS = ("tilted back", "half tilted", "tilted far forward")
 
 
-def _rms(data: FreeResiduals, turning: bool) -> float:
-    chosen = data.turning == turning
-    return float(np.sqrt(((data.cleared * data.sigma)[chosen] ** 2).mean())) if chosen.any() else 0.0
-
-
 def overall(data: FreeResiduals, freedoms: int) -> Finding:
     """Return the misfit of everything against the noise, of so many degrees of freedom."""
     total = float(data.cleared @ data.cleared)
     p_value = data.excess(total, freedoms) if data.noise_known else None
-    parts = [(_rms(data, False), False)] + ([(_rms(data, True), True)] if data.turning.any() else [])
+    apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before turns
+    parts = [(rms(apart[data.turning == turning]), turning) for turning in kinds]
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
     times = f": {np.sqrt(total / freedoms):.1f} times the noise" if data.noise_known else ""
-    return Finding("lack of fit", f"Model and measurement disagree by {sizes}{times}.", parts[0][0], p_value)
+    size, turning = parts[0]
+    return Finding("lack of fit", f"Model and measurement disagree by {sizes}{times}.", size, p_value, turning=turning)
 
 
 def components(data: FreeResiduals) -> list[Finding]:
@@ -128,7 +124,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
     return sorted(found, key=lambda finding: finding.p_value or 0.0)
 
 
-def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _parts(given: Conditions) -> Iterator[tuple[str, BoolArray]]:
     x, y, z = given.position_m.T
     height, tilt = _third(z), None if given.tilt_rad is None else _third(given.tilt_rad)
     for k, high in enumerate(_HEIGHTS):
@@ -146,7 +142,7 @@ def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:
             yield f"at large {name}", values >= np.median(values)
 
 
-def _third(values: FloatArray) -> NDArray[np.intp] | None:
+def _third(values: FloatArray) -> Indices | None:
     """Return 0, 1 or 2 by thirds of the rows; None where the value hardly varies."""
     if np.ptp(values) < 0.02:
         return None

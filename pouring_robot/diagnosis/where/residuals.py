@@ -8,11 +8,10 @@ from typing import Literal
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from pouring_robot.estimation.instruments import are
 from pouring_robot.inference.explanations import Nuisance
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 
@@ -21,8 +20,8 @@ class FreeResiduals:
     """Residuals of a model of which only two frames were fitted."""
 
     residual: FloatArray  # measured minus predicted over the noise, shape (m,)
-    row: NDArray[np.intp]  # row of each equation, (m,)
-    component: NDArray[np.intp]  # component of each equation in the tracker's axes, (m,)
+    row: Indices  # row of each equation, (m,)
+    component: Indices  # component of each equation in the tracker's axes, (m,)
     sigma: FloatArray  # noise of each equation, (m,), in m or rad
     nuisance: Nuisance  # what the frames can explain
     axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
@@ -43,7 +42,7 @@ class FreeResiduals:
         return float(scipy.special.fdtrc(freedoms, self.noise_freedoms, squares / freedoms))
 
     @cached_property
-    def turning(self) -> NDArray[np.bool_]:
+    def turning(self) -> BoolArray:
         """Which equations are of rotations, (m,)."""
         return are("rotation", self.component)
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
@@ -26,7 +26,7 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
@@ -269,7 +269,7 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
         return strain
     done = [0]
 
-    def take(rows: NDArray[np.intp]) -> None:
+    def take(rows: Indices) -> None:
         own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
         field = None
         for row in rows:
@@ -350,7 +350,7 @@ def locate_path(
     return heated.robot.path_dataset(warm.command, closed), closed
 
 
-def _stand_ins(poses: FloatArray) -> NDArray[np.intp]:
+def _stand_ins(poses: FloatArray) -> Indices:
     """Return for each pose the one before it whose growth says well enough where it stands, or itself, (n,)."""
     chosen, last = np.arange(len(poses)), 0
     for row in range(1, len(poses)):

@@ -15,10 +15,9 @@ from typing import Self
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry, Leg
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
@@ -288,7 +287,7 @@ def _seen_around(
     centres: FloatArray,
     along: FloatArray,
     radii: FloatArray,
-    exposed: NDArray[np.bool_],
+    exposed: BoolArray,
     disc: DiscChords,
     boxes: Boxes,
 ) -> tuple[FloatArray, FloatArray]:

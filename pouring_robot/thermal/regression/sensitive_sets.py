@@ -29,7 +29,7 @@ The paper's figures agree with step 2: a first component of 96.99 % in two sets 
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.cluster.hierarchy import cophenet, fcluster, linkage
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import squareform
@@ -37,7 +37,7 @@ from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.thermal.regression.components import variance_inflation_factors
 from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
@@ -195,7 +195,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit  # of each group
         return self
 
-    def _get_support_mask(self) -> NDArray[np.bool_]:
+    def _get_support_mask(self) -> BoolArray:
         """Return which columns are kept, shape (k,); scikit-learn's transform and names build on it."""
         check_is_fitted(self)
         mask = np.zeros(self.n_features_in_, dtype=bool)

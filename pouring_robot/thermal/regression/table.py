@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,7 +130,7 @@ class ErrorTable:
         return str(frame.to_csv(index=False, float_format="%.17g", lineterminator="\n"))
 
 
-def _flat(columns: FloatArray) -> NDArray[np.bool_]:
+def _flat(columns: FloatArray) -> BoolArray:
     """Return which columns are constant but for rounding."""
     return np.asarray(np.ptp(columns, axis=0) <= _FLAT * np.abs(columns).max(axis=0))
 
