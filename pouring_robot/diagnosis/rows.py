@@ -30,11 +30,7 @@ from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, Mo
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.parameters import (
-    COMPONENTS,
-    GeometricParameter,
-    LocalParameter,
-)
+from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue

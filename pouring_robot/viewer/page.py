@@ -19,24 +19,8 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.page import templates
-from pouring_robot.viewer.scene import (
-    SKY_BOTTOM,
-    SKY_TOP,
-    Camera,
-    Scene,
-    SceneArrows,
-    SceneRobot,
-    at_step,
-    legend,
-)
-from pouring_robot.viewer.shapes import (
-    Shape,
-    camera_around,
-    colours_at,
-    outline,
-    shape_of,
-    view_height,
-)
+from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, Camera, Scene, SceneArrows, SceneRobot, at_step, legend
+from pouring_robot.viewer.shapes import Shape, camera_around, colours_at, outline, shape_of, view_height
 
 Content = dict[str, Any]
 

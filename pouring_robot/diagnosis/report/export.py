@@ -9,13 +9,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.sentences import (
-    absent_sources,
-    gap_sentence,
-    headline,
-    next_lines,
-    worse_sentence,
-)
+from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside

@@ -284,12 +284,7 @@ def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _seen_around(
-    centres: FloatArray,
-    along: FloatArray,
-    radii: FloatArray,
-    exposed: BoolArray,
-    disc: DiscChords,
-    boxes: Boxes,
+    centres: FloatArray, along: FloatArray, radii: FloatArray, exposed: BoolArray, disc: DiscChords, boxes: Boxes
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean view factor, (4, E), and its first harmonic around the rods, (4, E, 3)."""
     angles = 2.0 * math.pi * np.arange(FACETS) / FACETS

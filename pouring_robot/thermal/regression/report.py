@@ -19,16 +19,7 @@ from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Ta
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
 from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import (
-    HELPS_BELOW,
-    METHODS,
-    NONE,
-    PAPER,
-    POSE,
-    fit_lines,
-    judge,
-    left_out,
-)
+from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import (
@@ -201,12 +192,7 @@ class RegressionReport(Result):
 
 
 def regress(
-    table: ErrorTable,
-    positions: Positions | None = None,
-    *,
-    axis: str = "",
-    method: str | None = None,
-    **selector: Any,
+    table: ErrorTable, positions: Positions | None = None, *, axis: str = "", method: str | None = None, **selector: Any
 ) -> RegressionReport:
     """Regress a table on temperature, direction by direction.
 
