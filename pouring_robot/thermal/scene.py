@@ -19,7 +19,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
-from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for, frame_places
+from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
@@ -57,7 +57,7 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     scale = ColourScale("displacement", "mm", 0.0, field.largest_m / MM)
     scene = Scene(title, (_coloured(drawn, scale, values[None]),), steps=(Step("", tuple(rows)),), scale=scale)
     # The truss is a part here: its colour counts, so it is not drawn pale.
-    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION), background_links=())
+    return dataclasses.replace(scene, camera=camera_on(scene), background_links=())
 
 
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
@@ -81,7 +81,7 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
         platform = ("platform", f"{shift.fields[k].platform_degC:.0f} °C")
         steps.append(Step(f"{minute:.1f} min", (("melt", f"{melt[k]:.0f} °C"), *means, platform, lip_moved)))
     curves = [Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)]
-    scene = Scene(
+    return Scene(
         title=title,
         robots=(_coloured(drawn, scale, values),),
         arrows=(SceneArrows("moved", starts[:, None], turned[:, None], label=f"{words}, by heat alone"),),
@@ -93,7 +93,6 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
         first=int(distances.argmax()),
         exaggeration=exaggeration_for(float(distances.max())),
     )
-    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
 def _coloured(drawn: SceneRobot, scale: ColourScale, values: FloatArray) -> SceneRobot:

@@ -20,8 +20,8 @@ from pouring_robot.mechanism.arrays import FloatArray, evenly, read_only
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, at_step
 
-_DIRECTION = (0.60, -1.0, 0.50)
-"""From the mechanism towards the camera by default: between the rails, the pouring lip to the right."""
+_DIRECTION = (1.0, -0.7, 0.38)
+"""Towards the camera: far enough to the front that the mechanism's weak direction, sideways, shows its full length."""
 _HAZE = 0.45
 """Share of the sky's colour in what stands in the background."""
 _LOOKED_AT = 5
@@ -168,12 +168,12 @@ def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
     return (*_draw_once(bodies), *(s for item in arrows for s in _arrow_solids(scene, item, step, thickness)))
 
 
-def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
+def camera_on(scene: Scene) -> Camera:
     """Return a camera that shows the robots, without the links in the background, as large as will fit.
 
-    It stands in a direction (any length) of the world from the mechanism; the scene's own camera plays no part.
+    The scene's own camera plays no part.
     """
-    return camera_around(outline(scene), direction, vertical_view_deg)
+    return camera_around(outline(scene))
 
 
 def outline(scene: Scene) -> FloatArray:
@@ -185,16 +185,14 @@ def outline(scene: Scene) -> FloatArray:
     return np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
 
 
-def camera_around(
-    points: FloatArray, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0
-) -> Camera:
+def camera_around(points: FloatArray, direction: Sequence[float] = _DIRECTION) -> Camera:
     """Return a camera in a direction (any length) of the world that shows points (k, 3) as large as will fit."""
     if not len(points):
-        return Camera(3.0 * np.asarray(direction), np.zeros(3), vertical_view_deg)
+        return Camera(3.0 * np.asarray(direction), np.zeros(3))
     target = (points.min(axis=0) + points.max(axis=0)) / 2.0
     towards_eye = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
     right, up, forward = Camera(target + towards_eye, target).axes()
-    half_view = 0.92 * np.tan(np.radians(vertical_view_deg) / 2.0)
+    half_view = 0.92 * np.tan(np.radians(Camera.vertical_view_deg) / 2.0)
     distance = 1.0
     for _ in range(4):  # in perspective the middle of the picture is not the middle of the box
         x, y, depth = np.stack([right, up, forward]) @ (points - target).T
@@ -204,7 +202,7 @@ def camera_around(
         slopes = np.stack([x, y]) / (distance + depth)
         across, along = (slopes.min(axis=1) + slopes.max(axis=1)) / 2.0 * distance
         target = target + across * right + along * up
-    return Camera(target + distance * towards_eye, target, vertical_view_deg)
+    return Camera(target + distance * towards_eye, target)
 
 
 def view_height(camera: Camera) -> float:

@@ -26,8 +26,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for, frame_places
-from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
+from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places
+from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
 
 _MEASURED_TINT: Colour = (0.84, 0.37, 0.0)
@@ -186,7 +186,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
             ),
         ]
     robots.append(dataclasses.replace(legs, visual=rest))
-    scene = Scene(
+    return Scene(
         title=f"{campaign.path.name}: what was measured, against {' and '.join(state.name for state in states)}",
         robots=tuple(robots),
         arrows=tuple(arrows),
@@ -199,7 +199,6 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
         else (),
         exaggeration=_factor(max(float(size[rows].max()) for size in sizes.values()), against),
     )
-    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
 def _factor(largest_m: float, against: CampaignRows) -> float:

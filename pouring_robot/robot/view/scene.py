@@ -28,7 +28,6 @@ from pouring_robot.viewer import (
     SceneArrows,
     SceneRobot,
     Step,
-    camera_on,
     visual_model,
 )
 
@@ -36,8 +35,6 @@ from pouring_robot.viewer import (
 _DRAWN_ERROR_M = 0.15
 _LARGEST_FACTOR = 1000.0
 _MOST_ARROWS = 100
-# Towards the camera: far enough to the front that the mechanism's weak direction, sideways, shows its full length.
-VIEW_DIRECTION = (1.0, -0.7, 0.38)
 
 
 def exaggeration_for(largest_m: float) -> float:
@@ -71,7 +68,7 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
         some = slice(None, None, -(-len(locations) // _MOST_ARROWS))
         words_of = f"at {'all ' if some.step == 1 else ''}{len(starts[some])} poses"
         arrows.append(SceneArrows("errors", starts[None, some], vectors[None, some], label=words_of))
-    scene = Scene(
+    return Scene(
         title=f"Where the {words} really is: " + (f"{len(locations)} poses" if several else locations[0].title),
         robots=both_robots([(one.nominal, one.actual) for one in locations], actual),
         arrows=tuple(arrows),
@@ -83,7 +80,6 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
         first=worst,
         exaggeration=factor,
     )
-    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
 def at_location(scene: Scene, location: Location) -> Scene:

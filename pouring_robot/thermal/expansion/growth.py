@@ -30,7 +30,7 @@ from pouring_robot.thermal.network.parts import TemperatureField
 class ThermalExpansion:
     """How much every part has grown, as strain (growth per length): legs 1 to 4 from joint to joint, both platforms."""
 
-    leg_strain: tuple[float, float, float, float]
+    leg_strain: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     platform_strain: float = 0.0
     fixed_platform_strain: float = 0.0
 

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 SETTLED_M = 1e-10
 """A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
 MOST_TURNS = 12
-_NO_LEG = (0.0, 0.0, 0.0, 0.0)
 # Over as many metres and radians a leg's growth changes by 10 µm, which puts the ladle by a tenth of a millimetre where
 # it is weak; legs there are warmer or colder by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
 _STANDS_IN = 0.005
@@ -216,7 +215,7 @@ class HeatedRobot:
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""
         if field is None or self.heat is None:
-            return ThermalExpansion(_NO_LEG)
+            return ThermalExpansion()
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
@@ -310,7 +309,7 @@ class WarmPath:
         """
         structure, built = self.engine.structure, heated.robot.model.displacements()
         errors = np.zeros((len(self.strain), structure.site_count, 6))
-        for k, part in ((4, ThermalExpansion(_NO_LEG, 1.0, 0.0)), (5, ThermalExpansion(_NO_LEG, 0.0, 1.0))):
+        for k, part in ((4, ThermalExpansion(platform_strain=1.0)), (5, ThermalExpansion(fixed_platform_strain=1.0))):
             for joint, shift in part.placements(heated.robot.kinematics).items():
                 if np.any(shift.translation):
                     turned = built[joint].rotation if joint in built else np.eye(3)
