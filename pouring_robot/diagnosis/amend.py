@@ -75,18 +75,18 @@ def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
     """
     diagnoser, after = diagnosis.diagnoser, diagnosis.after
     # Two forms of one effect may share a parameter, which then has two values that add up.
-    left: dict[int, list[float]] = {}
+    left: dict[EffectParameter, list[float]] = {}
     for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
-        left.setdefault(id(parameter), []).append(value)
+        left.setdefault(parameter, []).append(value)
     found = []
     for (effect, form), parameters in diagnoser.parameters_of(diagnosis.hypothesis):
-        own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
+        own = [(p.parameter, left[p.parameter].pop(0), p.std) for p in parameters if left.get(p.parameter)]
         found.append((effect, form, own))
     # What is left belongs to the largest form that is there as a whole.
     forms = diagnoser.library.every_form.items()
     for (effect, name), whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
-        if all(left.get(id(p)) for p in whole.parameters):
-            found.append((effect, name, [(p, left[id(p)].pop(0), p.prior_std) for p in whole.parameters]))
+        if all(left.get(p) for p in whole.parameters):
+            found.append((effect, name, [(p, left[p].pop(0), p.prior_std) for p in whole.parameters]))
     return found
 
 

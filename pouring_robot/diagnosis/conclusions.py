@@ -40,8 +40,8 @@ class Conclusions(Findings):
         frames = OuterFrames(pin.SE3.Identity(), self.model.nominal_mechanism().T_end_tool)
 
         def tool(without: Sequence[FoundParameter]) -> FloatArray:
-            out = {id(found.parameter) for found in without}
-            kept = np.array([0.0 if id(p) in out else 1.0 for p in after.parameters])
+            out = {found.parameter for found in without}
+            kept = np.array([p not in out for p in after.parameters])
             return rows.predicted(rows.changes(after.parameters, kept * after.values), frames).position_m
 
         everything = tool(())

@@ -11,6 +11,7 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
@@ -99,20 +100,15 @@ class Findings:
 
         A parameter that two forms share stands once, its values added up.
         """
-        once: dict[int, FoundParameter] = {}
+        once: dict[EffectParameter, FoundParameter] = {}
         for found in effect.parameters:
-            have = once.get(id(found.parameter), FoundParameter(found.parameter, 0.0, 0.0))
-            both = FoundParameter(found.parameter, have.value + found.value, math.hypot(have.std, found.std))
-            once[id(found.parameter)] = both
-        names = [found.parameter.name for found in once.values()]
+            p, have = found.parameter, once.get(found.parameter)
+            both = FoundParameter(p, have.value + found.value, math.hypot(have.std, found.std)) if have else found
+            once[p] = both
+        names = [p.name for p in once]
         forms = [form for (known, _), form in self.diagnoser.library.forms.items() if known == effect.cause.effect]
-        named = []
-        for found in once.values():
-            name = found.parameter.name
-            if names.count(name) > 1:
-                name += f" ({next((form.name for form in forms if found.parameter in form.parameters), '')})"
-            named.append((name, found))
-        return named
+        of = {p: f" ({form.name})" for form in reversed(forms) for p in form.parameters if names.count(p.name) > 1}
+        return [(p.name + of.get(p, ""), found) for p, found in once.items()]
 
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
         """Return what the parameters of an effect say together, a sentence each."""

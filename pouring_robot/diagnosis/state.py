@@ -16,7 +16,7 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_chance, search
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
 _SETTLED, _EXACT = 0.02, 1e-3
@@ -168,8 +168,8 @@ class Diagnoser:
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]
         parameters = tuple(one.parameter for one in found)
         wanted = np.array([one.value for one in found])
-        known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
-        from_here = np.array([known.get(id(p), 0.0) for p in parameters])
+        known = dict(zip(state.parameters, state.values.tolist(), strict=True))
+        from_here = np.array([known.get(p, 0.0) for p in parameters])
         linear = state.linear
         before = self._signature(state.parameters, state.values, linear)
         left = linear.residual + before - self._signature(parameters, wanted, linear)
@@ -188,7 +188,7 @@ class Diagnoser:
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
             if off @ off <= _TRUST * (gone @ gone) + len(off):
-                return new, float(np.sqrt((off**2).mean()))
+                return new, rms(off)
         return state, 0.0
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
@@ -203,6 +203,4 @@ def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesi
     left, component = hypothesis.remainder, after.fitted_rows.component
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
     chosen = {kind: are(kind, component) for kind in kinds}
-    return noise.times(
-        {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
-    )
+    return noise.times({kind: rms(left[own]) / float(np.sqrt(free)) for kind, own in chosen.items() if own.any()})

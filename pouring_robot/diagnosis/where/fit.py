@@ -46,7 +46,7 @@ def components(data: FreeResiduals) -> list[Finding]:
         p_value = None
         if data.noise_known and mean > 0.5:
             p_value = data.excess(float(values @ values) * mean / variance, mean**2 / variance)
-        size = sigma * float(np.sqrt((values**2).mean()))
+        size = sigma * rms(values)
         name, turning = component_name(k), 3 <= k < 6
         noise = f" (noise {size_text(sigma, turning)})" if data.noise_known else ""
         sentence = f"{name} disagrees by {size_text(size, turning)} rms{noise}."

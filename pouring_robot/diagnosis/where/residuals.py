@@ -11,7 +11,7 @@ import scipy.special
 
 from pouring_robot.estimation.instruments import are
 from pouring_robot.inference.explanations import Nuisance
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 
@@ -48,11 +48,8 @@ class FreeResiduals:
 
     def scaled(self, left: FloatArray) -> FreeResiduals:
         """Return the same with the root mean square of what is left, (m,), of positions and rotations, for noise."""
-        factor = np.ones(self.residual.size)
-        for turning in (False, True):
-            chosen = self.turning == turning
-            if chosen.any():
-                factor[chosen] = max(float(np.sqrt((left[chosen] ** 2).mean())), 1e-12)
+        placed, turned = rms(left[~self.turning]), rms(left[self.turning])
+        factor = np.maximum(np.where(self.turning, turned, placed), 1e-12)
         return replace(
             self,
             residual=self.residual / factor,

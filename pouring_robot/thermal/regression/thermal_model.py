@@ -29,7 +29,7 @@ from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.mechanism.poses import MM
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class Remains:
     @classmethod
     def of(cls, residuals: FloatArray) -> Remains:
         """Take them from residuals of any shape."""
-        return cls(float(residuals.mean()), float(residuals.std(ddof=1)), float(np.sqrt(np.square(residuals).mean())))
+        return cls(float(residuals.mean()), float(residuals.std(ddof=1)), rms(residuals))
 
 
 class AxisModel(StrictModel):
