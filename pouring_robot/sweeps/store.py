@@ -193,8 +193,8 @@ def require_room(folder: Path | str, plan: SweepPlan) -> None:
     Results count without compression. Of the disk all counts: what is full now can be cleared while the sweep runs.
     """
     place, robots = Path(folder), plan.draws.count
-    results = [(name, array.shape) for name, array in _arrays(plan).items() if array.values is None]
-    size = sum(math.prod(shape) * (1 if name == "status" else 8) for name, shape in results)
+    results = [array for array in _arrays(plan).values() if array.values is None]
+    size = sum(math.prod(array.shape) * array.empty.itemsize for array in results)
     a_robot = _A_SOBOL_ROBOT if plan.config.study == "sobol" else _A_ROBOT
     kept = robots * a_robot + math.prod(plan.chunk_grid) * _A_CHUNK
     with writing(place):
@@ -298,6 +298,7 @@ class _Array(NamedTuple):
     dimensions: tuple[str, ...]
     attributes: dict[str, Any]
     values: NDArray[Any] | None = None
+    empty: np.generic = np.float64("nan")  # what stands for a number that is not known yet
 
     @classmethod
     def known(cls, values: Any, dimensions: tuple[str, ...], **attributes: str) -> "_Array":
@@ -333,7 +334,7 @@ def _arrays(plan: SweepPlan) -> dict[str, _Array]:
         "rotation": _Array((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
         "gap_m": _Array(both, block, (first, "pose"), {"units": "m"}),
         "gap_rad": _Array(both, block, (first, "pose"), {"units": "rad"}),
-        "status": _Array(both, block, (first, "pose"), codes),
+        "status": _Array(both, block, (first, "pose"), codes, empty=np.uint8(NOT_DONE)),
         **({"errors": _Array(*errors, either)} if first == "sample" else {}),
     }
 
@@ -356,14 +357,10 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "content_hash": plan.content_hash,
         },
     )
-    for name, array in _arrays(plan).items():
-        if array.values is not None:
-            kind: dict[str, Any] = {"dtype": str if array.values.dtype == object else array.values.dtype}
-        elif name == "status":
-            kind = {"dtype": "uint8", "fill_value": NOT_DONE}
-        else:
-            kind = {"dtype": "float64", "fill_value": float("nan")}
-        shape, chunks, dimensions, attributes, values = array
+    for name, (shape, chunks, dimensions, attributes, values, empty) in _arrays(plan).items():
+        kind: dict[str, Any] = {"dtype": empty.dtype, "fill_value": empty.item()}
+        if values is not None:
+            kind = {"dtype": str if values.dtype == object else values.dtype}
         made = group.create_array(
             name, shape=shape, chunks=chunks, dimension_names=dimensions, attributes=attributes, **kind
         )
