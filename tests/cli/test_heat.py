@@ -118,7 +118,7 @@ def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):
             said = figures["shares"][frame][name]["translation_mm"]
             assert said == pytest.approx(getattr(shares, name).translation_m * 1e3, abs=1e-6)
         left = figures["shares"][frame]["not_the_sum_by"]
-        assert left["distance_mm"] == pytest.approx(np.linalg.norm(shares.remainder_m) * 1e3, abs=1e-6)
+        assert left["distance_mm"] == pytest.approx(np.linalg.norm(shares.remainder.translation_m) * 1e3, abs=1e-6)
         assert left["distance_mm"] > 1e-3
     assert figures["heat"]["computed_degC"]["leg3"] == pytest.approx(found.field.leg_degC[2], abs=1e-6)
     assert figures["heat"]["after_min"] is None

@@ -46,9 +46,9 @@ def test_shares(heated, as_built):
         cold = as_built.locate(POSE).difference(frame)
         assert shares.geometry.translation_m == pytest.approx(cold.translation_m, abs=1e-12)
         assert shares.together.translation_m == pytest.approx(found.location.difference(frame).translation_m)
-        whole = shares.geometry.translation_m + shares.heat.translation_m + shares.remainder_m
+        whole = shares.geometry.translation_m + shares.heat.translation_m + shares.remainder.translation_m
         assert whole == pytest.approx(shares.together.translation_m, abs=1e-15)
-        assert 1e-7 < np.linalg.norm(shares.remainder_m) < 0.05 * shares.together.distance_m
+        assert 1e-7 < np.linalg.norm(shares.remainder.translation_m) < 0.05 * shares.together.distance_m
 
 
 def test_without_heat_it_is_the_robot_as_built(as_built):

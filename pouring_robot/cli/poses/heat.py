@@ -11,7 +11,7 @@ import numpy as np
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS
@@ -141,7 +141,7 @@ class Warmth:
         head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
         print_table(head, rows, (0, 1), title="shares of the error: mm, mrad")
         lip = list(self.shares.values())[-1]
-        missing = float(lip.remainder_m @ lip.remainder_m) ** 0.5
+        missing = lip.remainder.distance_m
         say(
             f"the shares need not add up: geometry + heat misses the lip's actual place by {missing / MM:.4f} mm, "
             f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
@@ -160,9 +160,9 @@ def _share_figures(shares: PoseShares) -> dict[str, Any]:
     told: dict[str, Any] = {
         name: difference_figures(getattr(shares, name)) for name in ("geometry", "heat", "together")
     }
-    shift, turn = shares.remainder_m / MM, shares.remainder_rad / MRAD
-    left = (shift.tolist(), turn.tolist(), float((shift @ shift) ** 0.5))
-    return told | {"not_the_sum_by": dict(zip((*_SHIFT_TURN, "distance_mm"), left, strict=True))}
+    left = difference_figures(shares.remainder)
+    del left["angle_mrad"]  # what rotation vectors leave is no rotation
+    return told | {"not_the_sum_by": left}
 
 
 def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:

@@ -136,14 +136,11 @@ class PoseShares:
     together: PoseDifference
 
     @property
-    def remainder_m(self) -> FloatArray:
-        """What the shares leave of the whole: together - geometry - heat, shape (3,), in m. Not zero."""
-        return np.asarray(self.together.translation_m - self.geometry.translation_m - self.heat.translation_m)
-
-    @property
-    def remainder_rad(self) -> FloatArray:
-        """The same of the rotation vectors, shape (3,), in rad; of second order even for small turns."""
-        return np.asarray(self.together.rotation_rad - self.geometry.rotation_rad - self.heat.rotation_rad)
+    def remainder(self) -> PoseDifference:
+        """What the shares leave of the whole: together - geometry - heat; of turns it is of second order."""
+        whole, geometry, heat = self.together, self.geometry, self.heat
+        left = whole.translation_m - geometry.translation_m - heat.translation_m
+        return PoseDifference(left, whole.rotation_rad - geometry.rotation_rad - heat.rotation_rad)
 
 
 class HeatedRobot:
