@@ -14,6 +14,7 @@ from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
@@ -131,6 +132,13 @@ def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
     assert "noise" in gap_sentence(hot)
     assert "of the gap in position closed" in gap_sentence(hot)
     assert "warm legs are longer" in words(hot)
+
+
+def test_a_near_miss_is_said_where_nothing_is_named(nothing, monkeypatch):
+    assert not [line for line in next_lines(nothing) if line.startswith("not sure enough")]
+    monkeypatch.setattr(Findings, "spare", {"drive_scale": 3.2, "base_drift": 2.9})
+    (said,) = [line for line in next_lines(nothing) if line.startswith("not sure enough")]
+    assert said == "not sure enough to be named: drive_scale (+3.2 nats); it takes 4.6, so measure more rows"
 
 
 def test_no_gap_names_nothing(nothing):

@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.candidates import in_mm_deg
-from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, SuggestedMeasurement
+from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE, SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
@@ -278,8 +278,13 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
     if verdict == "no_gap":
+        near = [f"{name} ({worth:+.1f} nats)" for name, worth in diagnosis.spare.items() if worth >= LITTLE_NATS]
+        if near:
+            least = diagnosis.diagnoser.thresholds.least_evidence
+            lines.append(f"not sure enough to be named: {', '.join(near)}; it takes {least:.1f}, so measure more rows")
         hidden = {s.second: s.how for s in diagnosis.suggestion.separations}
-        lines += [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
+        ways = {name: "no pose shows it" if how == NO_POSE else f"to see it, {how}" for name, how in hidden.items()}
+        lines += [f"could be there and not show: {name}; {way}" for name, way in ways.items()]
     elif not diagnosis.judgement.scatters:
         lines += _measurement_lines(diagnosis)
     if diagnosis.noise.from_residuals:

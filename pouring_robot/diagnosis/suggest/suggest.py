@@ -29,7 +29,7 @@ LITTLE_NATS = 3.0
 _NO_NATS = 0.05
 """What tells less tells nothing: it is said as 0.0."""
 _CANDIDATES = 75
-_ALIKE = "no pose tells them apart: of what is measured they do the same"
+NO_POSE = "no pose tells them apart: of what is measured they do the same"
 _OPEN = "measure where the two predict most apart: the poses listed"
 
 
@@ -236,7 +236,7 @@ def separating_words(
     still = [how for driver, how in known if held_still(driver, conditions)]
     free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]
     if not (still or free or tells):
-        return _ALIKE
+        return NO_POSE
     chosen = still or free or [how for _, how in known]
     return "; ".join(dict.fromkeys(chosen)) or _OPEN
 
