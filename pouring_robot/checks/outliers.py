@@ -343,10 +343,10 @@ def _robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Fl
     design, target = terms[known], values[known]
     weight = np.ones(len(design))
     coefficients = np.zeros(design.shape[1])
-    left, scale = target.copy(), max(robust_sigma(target), floor, 1e-12)
+    left, scale, ridge = target.copy(), max(robust_sigma(target), floor, 1e-12), _RIDGE * np.eye(design.shape[1])
     for step in range(20):
         weighted = design * weight[:, None]
-        inverse = np.linalg.inv(weighted.T @ design + _RIDGE * np.eye(design.shape[1]))
+        inverse = np.linalg.inv(weighted.T @ design + ridge)
         leverage = ((design @ inverse) * weighted).sum(axis=1)
         coefficients = inverse @ (weighted.T @ target)
         left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)

@@ -113,7 +113,8 @@ def _stretches(affine: FloatArray | None, factor: float) -> BoolArray:
 
 def _spread(vectors: FloatArray) -> float:
     """Return the median distance of vectors (n, 3) from their middle, in their unit."""
-    return float(np.nanmedian(np.linalg.norm(vectors - np.nanmedian(vectors, axis=0), axis=1)))
+    median = np.nanmedian if np.isnan(vectors).any() else np.median  # that of a few hundred rows, ten times as fast
+    return float(median(np.linalg.norm(vectors - median(vectors, axis=0), axis=1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,8 +103,8 @@ class _Axes:
 
     @classmethod
     def of(cls, frames: OuterFrames, poses: PoseStack) -> _Axes:
-        """Return those of frames and poses as they are."""
-        places = frames.places(poses[poses.complete])
+        """Return those of frames and complete poses as they are."""
+        places = frames.places(poses)
         middle = places.mean(axis=0)
         spread = float(np.sqrt(((places - middle) ** 2).sum(axis=1).mean()))
         return cls(middle, spread or 1.0, np.array(frames.T_end_target.translation))
@@ -182,6 +182,7 @@ class _Fit:
 
     def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
         self.poses, self.measured, self.arm = poses, measured, metres_per_rad
+        self.complete, self.turned = poses[poses.complete], bool(np.isfinite(measured.rotation).any())
 
     def starts(self) -> list[OuterFrames]:
         """Return where the search starts, the best first."""
@@ -193,12 +194,14 @@ class _Fit:
     def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
         """Return what frames leave over."""
         position, turn = self.residual(frames)
-        if not np.isfinite(self.measured.rotation).any():
+        if not self.turned:
             return FrameFit(frames, untold, position, None, robust_sigma(position), None)
         return FrameFit(frames, untold, position, turn, robust_sigma(position), robust_sigma(turn))
 
     def residual(self, frames: OuterFrames) -> tuple[FloatArray, FloatArray]:
-        """Return measured minus expected places, (n, 3) in m, and turns, (n, 3) in rad."""
+        """Return measured minus expected places, (n, 3) in m, and turns, (n, 3) in rad; NaN where not measured."""
+        if not self.turned:  # most of the time would be spent on what nobody sees
+            return self.measured.position_m - frames.seen_places(self.poses), np.full((len(self.poses), 3), np.nan)
         residual = self.measured.difference(frames.seen(self.poses))
         return residual[:, :3], residual[:, 3:]
 
@@ -212,7 +215,7 @@ class _Fit:
 
     def untold(self, frames: OuterFrames, misfit_m: float = 0.0, misfit_rad: float = 0.0) -> _Untold:
         """Return what the data do not tell, given the misfit: directions with a σ below one; see the module."""
-        axes = _Axes.of(frames, self.poses)
+        axes = _Axes.of(frames, self.complete)
         jacobian = frames.jacobian(self.poses) @ axes.columns
         jacobian[:, :3] /= max(misfit_m, _RESOLUTION * axes.length)
         jacobian[:, 3:] /= max(misfit_rad, _RESOLUTION)
@@ -230,16 +233,18 @@ class _Fit:
     def refined(self, frames: OuterFrames, untold: _Untold, steps: int = _STEPS) -> OuterFrames:
         """Run Gauss-Newton with Huber weights, a row's position and rotation judged apart; long steps are halved."""
         free, residual = untold.free, self.residual(frames)
+        size = self._size(residual)
         for _ in range(steps):
-            axes = _Axes.of(frames, self.poses)
+            axes = _Axes.of(frames, self.complete)
             step = free @ self._step(frames, residual, axes.columns @ free)
             for _ in range(_HALVINGS):
                 moved = axes.moved(frames, step)
                 left = self.residual(moved)
-                if self._size(left) <= _WORSE * self._size(residual):
+                reached = self._size(left)
+                if reached <= _WORSE * size:
                     break
                 step *= 0.5
-            frames, residual = moved, left
+            frames, residual, size = moved, left, reached
             if np.abs(step).max() < _CONVERGED:
                 break
         return frames
@@ -249,7 +254,8 @@ class _Fit:
         jacobian = frames.jacobian(self.poses) @ columns
         jacobian[:, 3:] *= self.arm
         scale = max(robust_sigma(residual), 1e-12)
-        rows = [_weighted(jacobian[:, part], residual[:, part], scale) for part in (slice(0, 3), slice(3, 6))]
+        seen = (slice(0, 3), slice(3, 6))[: 1 + self.turned]
+        rows = [_weighted(jacobian[:, part], residual[:, part], scale) for part in seen]
         compact = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
         step: FloatArray = np.linalg.lstsq(compact[:, :FRAMES], compact[:, FRAMES], rcond=1e-9)[0]
         return step

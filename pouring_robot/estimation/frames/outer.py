@@ -53,12 +53,20 @@ class OuterFrames:
         ``scale`` times, (n,), about the tracker's own origin.
         """
         outer, turned = self.T_tracker_base, self._turned(base)
-        position = outer.translation + (turned @ self.places(poses)[..., None])[..., 0]
-        if base is not None:
+        if base is None:
+            position = self.seen_places(poses)
+        else:
+            position = outer.translation + (turned @ self.places(poses)[..., None])[..., 0]
             position += base[:, :3] @ outer.rotation.T
         if scale is not None:
             position *= 1.0 + scale[:, None]
-        return PoseStack(position, turned @ poses.rotation @ self.T_end_target.rotation)
+        # One product of all rows with what is the same for all: many of 3 x 3 matrices take far longer.
+        rotation = (poses.rotation.reshape(-1, 3) @ self.T_end_target.rotation).reshape(-1, 3, 3)
+        return PoseStack(position, turned @ rotation)
+
+    def seen_places(self, poses: PoseStack) -> FloatArray:
+        """Return where the tracker should see the target, (n, 3), in m; see :meth:`seen`."""
+        return np.asarray(self.T_tracker_base.translation + self.places(poses) @ self.T_tracker_base.rotation.T)
 
     def jacobian(self, poses: PoseStack, base: FloatArray | None = None) -> FloatArray:
         """Return how what is seen moves with :data:`FRAME_PARAMETERS` at zero, (n, 6, 12); see :meth:`seen`.

@@ -145,26 +145,31 @@ class _Form:
         twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
         floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
         flat = np.tile(Rotation.create_group("O").as_matrix().reshape(-1, 9), (sets, 1, 1))
+        still = np.arange(sets)  # of the others every start is where it ends
         for steps in range(_STEPS):
             if steps in _KEPT:
                 least = np.argsort(self._cost(flat), axis=1)[:, : _KEPT[steps], None]
                 flat = np.take_along_axis(flat, least, axis=1)
-            starts = flat.shape[1]
-            rotation = flat.reshape(sets, starts, 3, 3)
-            slope = flat @ self.matrix - self.vector[:, None]
-            along = (flat @ turned).reshape(sets, -1, 9)
-            back = np.einsum("ksji,ksjl->ksil", rotation, slope.reshape(rotation.shape)).reshape(sets, starts, 9)
+            now, matrix = flat[still], self.matrix[still]
+            rotation = now.reshape(still.size, -1, 3, 3)
+            slope = now @ matrix - self.vector[still, None]
+            along = (now @ turned).reshape(still.size, -1, 9)
+            back = np.swapaxes(rotation, 2, 3) @ slope.reshape(rotation.shape)
+            back = back.reshape(now.shape)
             gradient = back @ axes.reshape(3, 9).T
-            seen = (along @ self.matrix).reshape(sets, starts, 3, 9)
+            seen = (along @ matrix).reshape(*rotation.shape[:3], 9)
             curvature = seen @ np.swapaxes(along.reshape(seen.shape), 2, 3)
             whole = curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape)
             # Downhill: where the whole curvature bends the wrong way, by that of squares alone.
-            chosen = np.where(_definite(whole)[..., None, None], whole, curvature) + floor[..., None] * np.eye(3)
+            chosen = np.where(_definite(whole)[..., None, None], whole, curvature)
+            chosen += floor[still, ..., None] * np.eye(3)
             step = -np.linalg.solve(chosen, gradient[..., None])[..., 0]
             length = np.linalg.norm(step, axis=-1, keepdims=True)
             turn = rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
-            flat = np.einsum("ksij,ksjl->ksil", rotation, turn).reshape(flat.shape)
-            if length.max() <= _CONVERGED:
+            flat[still] = (rotation @ turn).reshape(now.shape)
+            if steps >= max(_KEPT):
+                still = still[length.max(axis=(1, 2)) > _CONVERGED]
+            if not still.size:
                 break
         best = np.argmin(self._cost(flat), axis=1)
         return np.asarray(flat[np.arange(sets), best].reshape(-1, 3, 3))
