@@ -10,6 +10,7 @@ drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it lea
 found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -44,13 +45,56 @@ _DEGREE = math.pi / 180.0
 _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scatter:
-    """What a measured component scatters by."""
+    """What a measured component of n rows scatters by, found when it is asked for: one calm component says enough."""
 
-    factor: float  # f, over the stated noise
-    sure: bool  # whether that is sure to be no chance
+    residual: FloatArray  # over the noise that is stated, (n,)
+    free: FloatArray  # how the frames move it, (n, 12)
+    causes: FloatArray  # what may move it smoothly, over the noise, (n, c)
     by_drives: FloatArray  # what one unit of white error of every drive would add, as a variance over that of the noise
+
+    @functools.cached_property
+    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """What the causes move and what there is, as variances, of each direction that the frames leave."""
+        outside = scipy.linalg.null_space((self.free / np.maximum(np.linalg.norm(self.free, axis=0), 1e-300)).T)
+        seen = outside.T @ self.causes
+        power, directions = np.linalg.eigh(seen @ seen.T)
+        return np.maximum(power, 0.0), (directions.T @ (outside.T @ self.residual)) ** 2
+
+    def _cost(self, logs: Sequence[float]) -> tuple[float, FloatArray]:
+        """Return -log likelihood and its derivatives by the logarithms of both standard deviations."""
+        power, squares = self._spectrum
+        own, caused = math.exp(2.0 * logs[0]), math.exp(2.0 * logs[1]) * power
+        variance = own + caused
+        slope = (1.0 - squares / variance) / variance
+        return float(0.5 * np.sum(np.log(variance) + squares / variance)), np.array([own * slope.sum(), caused @ slope])
+
+    @functools.cached_property
+    def _best(self) -> tuple[float, float]:
+        """The least cost and log f there."""
+        bounds = [(-12.0, 12.0), (-15.0, 6.0)]
+
+        def best(start: float) -> tuple[float, float]:
+            least = scipy.optimize.minimize(self._cost, (start, -2.0), jac=True, method="L-BFGS-B", bounds=bounds)
+            return float(least.fun), float(least.x[0])
+
+        return min(best(start) for start in (0.0, 2.0))
+
+    @property
+    def factor(self) -> float:
+        """f, over the stated noise."""
+        return math.exp(self._best[1])
+
+    @property
+    def too_small(self) -> bool:
+        """Whether the stated noise is, by more than a data sheet may err and than chance explains."""
+        if self.factor <= LEAST_FACTOR:
+            return False
+        stated = scipy.optimize.minimize_scalar(
+            lambda log: self._cost((0.0, log))[0], bounds=(-15.0, 6.0), method="bounded"
+        )
+        return 2.0 * (float(stated.fun) - self._best[0]) > float(chdtri(1, 2.0 * FALSE_ALARMS))
 
 
 def check_noise(
@@ -86,7 +130,7 @@ def check_noise(
 
 
 def _too_small(scatters: list[Scatter]) -> bool:
-    return all(one.sure and one.factor > LEAST_FACTOR for one in scatters)
+    return all(one.too_small for one in scatters)
 
 
 def _scatters(
@@ -115,35 +159,8 @@ def _scatters(
             kept = np.isfinite(r) & np.isfinite(causes[:, c]).all(axis=1)
             if sigma and kept.sum() >= _FEWEST_ROWS:
                 white = np.mean((drives[kept, c] / sigma) ** 2, axis=0)
-                scatters.append(_scatter(r[kept] / sigma, frames[kept, c], causes[kept, c] / sigma, white))
+                scatters.append(Scatter(r[kept] / sigma, frames[kept, c], causes[kept, c] / sigma, white))
     return scatters
-
-
-def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_drives: FloatArray) -> Scatter:
-    """Return f by maximum likelihood for residuals (n,) over their noise, frames (n, 12) and causes (n, c)."""
-    outside = scipy.linalg.null_space((free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)).T)
-    seen = outside.T @ causes
-    power, directions = np.linalg.eigh(seen @ seen.T)
-    squares = (directions.T @ (outside.T @ residual)) ** 2
-    power = np.maximum(power, 0.0)
-
-    def cost(logs: Sequence[float]) -> tuple[float, FloatArray]:
-        """Return -log likelihood and its derivatives by the logarithms of both standard deviations."""
-        own, caused = math.exp(2.0 * logs[0]), math.exp(2.0 * logs[1]) * power
-        variance = own + caused
-        slope = (1.0 - squares / variance) / variance
-        return float(0.5 * np.sum(np.log(variance) + squares / variance)), np.array([own * slope.sum(), caused @ slope])
-
-    def best(start: float) -> tuple[float, float]:
-        bounds = [(-12.0, 12.0), (-15.0, 6.0)]
-        found_ = scipy.optimize.minimize(cost, (start, -2.0), jac=True, method="L-BFGS-B", bounds=bounds)
-        return float(found_.fun), float(found_.x[0])
-
-    free_cost, log_factor = min(best(start) for start in (0.0, 2.0))
-    as_stated = scipy.optimize.minimize_scalar(lambda log: cost((0.0, log))[0], bounds=(-15.0, 6.0), method="bounded")
-    ratio = 2.0 * (float(as_stated.fun) - free_cost)
-    sure = log_factor > 0.0 and ratio > float(chdtri(1, 2.0 * FALSE_ALARMS))
-    return Scatter(math.exp(log_factor), sure, by_drives)
 
 
 def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Indices) -> Iterator[FloatArray]:
