@@ -133,13 +133,7 @@ def simulate_campaign(
     path = Path(path)
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
-    actual = []
-    for row, (standing, command) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
-        try:
-            actual.append(standing.actual_of(command).pose_base_to_end)
-        except NoSolutionError as error:
-            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
-        progress("measuring", row + 1, rows)
+    actual = _actual_poses(robot, plan, robots, path, progress)
     seen = [outer * pose * inner for pose in actual]
     position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
@@ -158,6 +152,26 @@ def simulate_campaign(
             lost.append((row, name))
     campaign = _campaign(robot, plan, options, path, measured)
     return VirtualMeasurement(campaign, tuple(actual), outer, inner, tuple(wrong.tolist()), tuple(lost), options.seed)
+
+
+def _actual_poses(
+    robot: Robot, plan: PosePlan, robots: Sequence[Robot] | None, path: Path, progress: Progress
+) -> list[pin.SE3]:
+    """Return where the robot as built stands at each pose: all at once where one robot stands at all, and unloaded."""
+    rows, loads, found = len(plan), robot.actual_solver.energy.loads, dict[int, pin.SE3]()
+    if robots is None and not (loads.gravity or loads.drive_stiffness):
+        command, within = robot.drawing.commands(plan.rows), robot.drawing.in_reach
+        closed = robot.close(command.drives, command.start)
+        sound = np.flatnonzero(closed.closed & within(command.start) & within(closed.as_start()))
+        found = {row: pin.SE3(closed.rotation[row], closed.position[row]) for row in sound.tolist()}
+    actual = []
+    for row, (standing, pose) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
+        try:  # what was not found is asked for by itself, which says why
+            actual.append(found[row] if row in found else standing.actual_of(pose).pose_base_to_end)
+        except NoSolutionError as error:
+            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
+        progress("measuring", row + 1, rows)
+    return actual
 
 
 def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[pin.SE3, pin.SE3]:
