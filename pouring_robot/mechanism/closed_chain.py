@@ -8,7 +8,7 @@ carrying chain drops out of all results.
 
 import functools
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -340,16 +340,20 @@ class ClosedChainMechanism:
         """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
         return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
 
-    def _moving(self) -> Iterator[tuple[str, Any]]:
-        return zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True)
+    @functools.cached_property
+    def _moving(self) -> tuple[tuple[str, int, int, int], ...]:
+        """Every moving joint: its name, its first coordinate, how many it has, and its freedoms."""
+        model = self.shared_model  # whose vectors are slow to be gone through
+        parts = list(model.names)[1:], list(model.idx_qs)[1:], list(model.nqs)[1:], list(model.nvs)[1:]
+        return tuple(zip(*parts, strict=True))
 
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""
         values = {}
-        for name, joint in self._moving():
-            stored = configuration[joint.idx_q : joint.idx_q + joint.nq]
-            if joint.nv == 1:
-                values[name] = float(stored[0] if joint.nq == 1 else np.arctan2(stored[1], stored[0]))
+        for name, first, count, freedoms in self._moving:
+            if freedoms == 1:
+                stored = configuration[first : first + count]
+                values[name] = float(stored[0] if count == 1 else np.arctan2(stored[1], stored[0]))
         return values
 
     def joint_axes(self, joints: Sequence[int]) -> FloatArray:
@@ -365,6 +369,10 @@ class ClosedChainMechanism:
 
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
+        return dict(self._limits)
+
+    @functools.cached_property
+    def _limits(self) -> dict[str, tuple[float, float]]:
         lower, upper = self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit
-        edges = {name: (float(lower[j.idx_q]), float(upper[j.idx_q])) for name, j in self._moving() if j.nq == 1}
+        edges = {name: (float(lower[k]), float(upper[k])) for name, k, count, _ in self._moving if count == 1}
         return {name: pair for name, pair in edges.items() if np.isfinite(pair).all()}

@@ -255,27 +255,29 @@ class ClosureEnergy:
 
         It is the derivative of the gradient by joint twists where the gradient vanishes; shape (nv, nv).
         """
-        hessian = self.gradient_derivative(state, self.joint_columns())
+        hessian = self.gradient_derivative(state)
         hessian.flat[:: self.model.nv + 1] += self.springs
         if self.loads.gravity:
             configuration = state.configuration
             hessian += pin.computeGeneralizedGravityDerivatives(self.model, self.data, configuration)
         return np.asarray(0.5 * (hessian + hessian.T))
 
-    def gradient_derivative(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
+    def gradient_derivative(self, state: EnergyState, columns: TwistColumns | None = None) -> FloatArray:
         """Return how the loops' part of the gradient changes when n twists displace the tree; shape (nv, n).
 
-        Valid at the state's configuration, where :meth:`evaluate` was last called. Springs and weight are not
-        in it.
+        By default those of the joints themselves. Valid at the state's configuration, where :meth:`evaluate` was last
+        called. Springs and weight are not in it.
         """
         joints = self.joint_columns()
+        columns = columns or joints
         if not self._anchor_data:
             return np.zeros((self.model.nv, columns.depth.size))
         body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
         relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
         form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
         motion = joints.on_b - joints.on_a
-        local, displaced = body @ motion, body @ (columns.on_b - columns.on_a)
+        local = body @ motion
+        displaced = local if columns is joints else body @ (columns.on_b - columns.on_a)
         stiff = np.swapaxes(state.jlog, 1, 2) @ (self._stiffness[:, :, None] * state.jlog)
         curvature = stiff + self._relative_curvature(state, relative_wrench)
         change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
@@ -296,7 +298,10 @@ class ClosureEnergy:
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
         """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
-        curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
+        if all(self._is_3d):
+            curvature = np.zeros((len(self._is_3d), 6, 6))
+        else:
+            curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
         for i, is_3d in enumerate(self._is_3d):
             if is_3d:  # the wrench is R^T K p; turning frame b turns it back: d(R^T p) = (R^T p) × omega
                 curvature[i] = 0.0
