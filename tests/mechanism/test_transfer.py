@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pinocchio as pin
@@ -47,16 +48,18 @@ class Case:
     start: np.ndarray
     frame: str
 
-    def solver(self, urdf=None, loads=None):
-        mechanism = ClosedChainMechanism(urdf or self.urdf, LOOPS)
-        return ClosureSolver(mechanism, loads or self.loads)
+    @functools.cached_property
+    def mechanism(self):
+        return ClosedChainMechanism(self.urdf, LOOPS)
+
+    def solver(self):
+        return ClosureSolver(self.mechanism, self.loads)
 
     def pose(self, parameter, step, start):
         """Close the robot anew with a parameter changed by a step, from near by: the exact answer."""
-        urdf, loads, drives = self.urdf, self.loads, dict(self.drives)
+        mechanism, loads, drives = self.mechanism, self.loads, dict(self.drives)
         if isinstance(parameter, PlacementParameter):
-            twist = step * np.array(parameter.twist)
-            urdf = perturb_urdf(urdf, {parameter.joint: placement_error(twist)})
+            mechanism = self.displaced(parameter, step)
         elif isinstance(parameter, DriveParameter):
             drives[parameter.joint] += step
         elif isinstance(parameter, PayloadParameter):
@@ -64,7 +67,11 @@ class Case:
         else:
             changed = {parameter.joint: loads.drive_stiffness[parameter.joint] + step}
             loads = dataclasses.replace(loads, drive_stiffness={**loads.drive_stiffness, **changed})
-        return self.solver(urdf, loads).solve(drives, start).pose("fixed_platform", self.frame)
+        return ClosureSolver(mechanism, loads).solve(drives, start).pose("fixed_platform", self.frame)
+
+    def displaced(self, parameter, step):
+        """Return the mechanism with a joint displaced further, as a URDF with both errors would have it."""
+        return self.mechanism.displaced({parameter.joint: placement_error(step * np.array(parameter.twist))})
 
     def central_difference(self, parameter, step, start):
         ahead, behind = (self.pose(parameter, sign * step, start) for sign in (1.0, -1.0))
@@ -144,8 +151,7 @@ def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
     joints = [[result.joint_values[name] for name in chain] for chain in engine.structure.joint_names]
     matrix = engine.transfer_open_branch(np.array([joints]), parameters).matrix[0]
 
-    def platform_along_chain(urdf, chain):
-        mechanism = ClosedChainMechanism(urdf, LOOPS)
+    def platform_along_chain(mechanism, chain):
         model = mechanism.shared_model
         data = model.createData()
         pin.framesForwardKinematics(model, data, result.configuration)
@@ -157,12 +163,7 @@ def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
 
     for k, parameter in enumerate(parameters):
         chain = int(parameter.joint[3])
-        poses = []
-        for sign in (1.0, -1.0):
-            twist = sign * STEP * np.array(parameter.twist)
-            poses.append(
-                platform_along_chain(perturb_urdf(case.urdf, {parameter.joint: placement_error(twist)}), chain)
-            )
+        poses = [platform_along_chain(case.displaced(parameter, sign * STEP), chain) for sign in (1.0, -1.0)]
         rotation = pin.log3(poses[0].rotation @ poses[1].rotation.T)
         numeric = np.concatenate([poses[0].translation - poses[1].translation, rotation]) / (2.0 * STEP)
         np.testing.assert_allclose(matrix[:, k], numeric, atol=1e-8, err_msg=parameter.name)
