@@ -218,16 +218,22 @@ learned: {{by_hand: {{sessions: {{"1": 1}}, mean_span_m: [0, 0, 0, 0, 0, 0], ref
 """
 
 
-@pytest.mark.parametrize(("stated_mm", "too_small"), [(0.05, False), (0.015, True)])
-def test_sag_under_its_own_weight_is_no_noise(tmp_path, stated_mm, too_small):
-    (tmp_path / "sagging.yaml").write_text(SAGGING.format(robot=EXAMPLES / "robots" / "arm" / "robot.yaml"))
-    model, table = tmp_path / "sagging.yaml", tmp_path / "c.csv"
+@pytest.fixture(scope="module")
+def sagging(tmp_path_factory):
+    """A campaign of an arm that bends under its own weight."""
+    folder, file = tmp_path_factory.mktemp("sagging"), EXAMPLES / "robots" / "arm" / "robot.yaml"
+    model, table = folder / "sagging.yaml", folder / "c.csv"
+    model.write_text(SAGGING.format(robot=file))
     assert main(["campaign", "simulate", "--random", "160", "--model", str(model), "--out", str(table), "-q"]) == 0
-    robot = RobotDefinition.load(EXAMPLES / "robots" / "arm" / "robot.yaml")
-    campaign = Campaign.read(table, robot)
+    return Campaign.read(table, RobotDefinition.load(file))
+
+
+@pytest.mark.parametrize(("stated_mm", "too_small"), [(0.05, False), (0.015, True)])
+def test_sag_under_its_own_weight_is_no_noise(sagging, stated_mm, too_small):
     sigmas = {"sigma_position_m": 1e-3 * stated_mm, "sigma_rotation_rad": 1e-3 * stated_mm}
-    campaign = dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update=sigmas))
-    assert (FlagCode.NOISE_TOO_SMALL in {flag.code for flag in check_campaign(campaign, robot.drawing())}) == too_small
+    campaign = dataclasses.replace(sagging, metadata=sagging.metadata.model_copy(update=sigmas))
+    flags = check_campaign(campaign, sagging.robot.drawing())
+    assert (FlagCode.NOISE_TOO_SMALL in {flag.code for flag in flags}) == too_small
 
 
 @pytest.fixture(scope="module")

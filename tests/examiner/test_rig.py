@@ -86,10 +86,11 @@ def test_textbook_columns_explain_the_first_form_of_their_effect(effect):
 
 def test_every_stranger_is_seen_by_some_campaign():
     for name, forms in strangers.FORMS.items():
-        shown = []
-        for seed in range(4):
+
+        def shown(seed, name=name, forms=forms):
             rng, rig = quiet(seed)
             fault, _ = faults.draw(rng, rig.scene, name, forms)
             fault.size = 0.1
-            shown.append(Judge(rig).ratio(rig.see([]), rig.see([fault])))
-        assert max(shown) > 1e-3, name
+            return Judge(rig).ratio(rig.see([]), rig.see([fault]))
+
+        assert any(shown(seed) > 1e-3 for seed in range(4)), name
