@@ -181,15 +181,17 @@ def test_flexure_is_named_where_elevations_show_it(tmp_path):
     assert found.nights == ()
 
 
-def test_a_condition_that_never_changes_cannot_be_tested(tmp_path):
-    given = tables(tmp_path, 8, offset=0.0, lowest_deg=88.0)
-    found = Findings(read_first(given))
-    assert found.untestable == ["elevation_flexure"]
-    assert all(key[0] != "elevation_flexure" for key, *_ in found.undecided())
-    assert main([str(given), "--json"]) == 0
+def test_a_condition_that_never_changes_cannot_be_tested(tmp_path, monkeypatch):
+    made = []  # by the command: of the first table, then of both
+    kept = lambda rows: made.append(Findings(rows)) or made[-1]  # noqa: E731
+    monkeypatch.setattr("examples.telescope_focus.report.Findings", kept)
+    assert main([str(tables(tmp_path, 8, offset=0.0, lowest_deg=88.0)), "--json"]) == 0
+    assert made[0].untestable == ["elevation_flexure"]
+    assert all(key[0] != "elevation_flexure" for key, *_ in made[0].undecided())
 
 
-def test_text_says_the_same(folder, capsys, printed):
+def test_text_says_the_same(folder, capsys, printed, monkeypatch):
+    monkeypatch.setattr("examples.telescope_focus.command.report", lambda *_: printed)  # as found for the JSON
     assert main([str(folder)]) == 0
     text = capsys.readouterr().out
     assert text.startswith("Verdict: unknown\n")
