@@ -7,9 +7,11 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
 """
 
 import functools
-from collections.abc import Callable, Collection, Sequence
+import sys
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 import numpy as np
 
@@ -75,6 +77,17 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
+@functools.lru_cache(maxsize=1)  # all that is installed is read for it, and one command asks many times
+def _offered(ask: Callable[..., Iterable[EntryPoint]], _: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
+    return tuple(ask(group=GROUP))
+
+
+def _places() -> tuple[tuple[str, int], ...]:
+    """Return where Python looks for packages, and when what is there last changed, in ns."""
+    there = (Path(folder).absolute() for folder in sys.path)
+    return tuple((str(folder), folder.stat().st_mtime_ns) for folder in there if folder.exists())
+
+
 def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
     """Return the library's effects and those of installed packages for a robot, by id; by default the default drawing.
 
@@ -82,7 +95,7 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
     """
     robot = definition_of(robot)
     found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}
-    for entry in entry_points(group=GROUP):
+    for entry in _offered(entry_points, _places()):
         try:
             effect = entry.load()()
         except Exception as problem:  # any package may fail in any way; the user must learn which one
