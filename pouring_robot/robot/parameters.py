@@ -55,7 +55,7 @@ class ParameterCatalogue:
     """Everything that can be wrong with the geometry of a robot, by name: DH table, joint placements, drives."""
 
     def __init__(self, definition: RobotDefinition, nominal: ClosedChainMechanism | None = None) -> None:
-        nominal = nominal or definition.mechanism()
+        nominal = nominal or definition.drawing().mechanism
         self._sets, self._groups = definition.parameter_sets, definition.parameter_groups
         self.drives = drive_parameters(nominal)
         self.table = definition.dh_table(nominal)

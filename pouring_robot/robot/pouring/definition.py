@@ -25,6 +25,11 @@ _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
 
 
+@functools.lru_cache(maxsize=4)  # of one drawing it is asked for many times
+def _dh_table(nominal: ClosedChainMechanism) -> DHTable:
+    return DHTable.from_mechanism(nominal)
+
+
 class PouringDefinition(RobotDefinition):
     """The pouring robot of a layout; raises DescriptionError, or UnknownLayoutError where there is no such layout."""
 
@@ -64,7 +69,7 @@ class PouringDefinition(RobotDefinition):
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable:
         """Return the DH table of the four chains."""
-        return DHTable.from_mechanism(nominal)
+        return _dh_table(nominal)
 
     @property
     def command_columns(self) -> tuple[Quantity, ...]:
