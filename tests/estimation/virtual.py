@@ -1,5 +1,7 @@
 """Virtual data with known errors, and an independent regressor by differences of ClosureSolver."""
 
+import functools
+
 import numpy as np
 import pinocchio as pin
 
@@ -76,10 +78,13 @@ def reference_regressor(drawing, model, parameters, drives, step=1e-4):
     poses = [forward(dict(zip(names, map(float, row), strict=True))) for row in drives]
     start = [drawing.kinematics.configuration(pose) for pose in poses]
 
+    @functools.cache  # frames alone move no robot
+    def platform(*values):
+        return reference_poses(model, parameters, values, drives, start)
+
     def seen(values):
         base, tool = (pin.SE3(pin.exp3(part[3:]), np.array(part[:3])) for part in (values[:6], values[6:FRAMES]))
-        platform = reference_poses(model, parameters, values[FRAMES:], drives, start)
-        return measured_poses(platform, OUTER * base, tool * INNER)
+        return measured_poses(platform(*values[FRAMES:].tolist()), OUTER * base, tool * INNER)
 
     def change(values):
         plus, minus = seen(values), seen(-values)
