@@ -24,7 +24,7 @@ def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path):
+def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path, undrawn):
     assert found.base.deficient
     write_calibration(found, tmp_path / "out")
     assert RobotModel.load(tmp_path / "out" / "calibrated.yaml").description.startswith("Rank deficient")
@@ -37,7 +37,7 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(found):
     assert "do not use this model" in described(worse).description
 
 
-def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch):
+def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch, undrawn):
     write_calibration(found, tmp_path / "out")
     before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
 

@@ -17,7 +17,7 @@ def test_verdict_line_and_table(found, unchanged):
     assert found.headline in found._repr_html_()
 
 
-def test_saved_files(found, tmp_path):
+def test_saved_files(found, tmp_path, undrawn):
     names = {path.name for path in found.save(tmp_path / "out")}
     assert {"calibrated.yaml", "calibration.json", "report.html", "loops.yaml"} <= names
     with pytest.raises(OutputError, match="there already"):

@@ -56,6 +56,11 @@ def refused(hot):
     return replace(hot, train=replace(gap, after=2.0 * gap.before))
 
 
+@pytest.fixture(scope="module")
+def refused_drawn(refused):
+    return plots(refused)
+
+
 def test_a_diagnosis_goes_to_another_process(hot):
     again = pickle.loads(pickle.dumps(hot))
     assert again.headline == hot.headline and again.amended == hot.amended
@@ -70,8 +75,8 @@ def test_the_page_is_whole_and_needs_no_other_file(hot, page):
         assert page.count(f"<{tag}") == page.count(f"</{tag}>"), tag
 
 
-def test_the_page_of_a_refused_model_shows_no_after(refused):
-    page = html_report(refused, plots(refused))
+def test_the_page_of_a_refused_model_shows_no_after(refused, refused_drawn):
+    page = html_report(refused, refused_drawn)
     assert "The model is not amended" in page
     assert "<td>after</td>" not in page
     assert described(refused).effects == []
@@ -81,8 +86,8 @@ def test_text_of_a_campaign_cannot_break_the_page(page):
     assert "alert(1)" in page and "<script>alert" not in page
 
 
-def test_plots_are_pictures(drawn, refused):
-    for shown in (drawn, plots(refused)):
+def test_plots_are_pictures(drawn, refused_drawn):
+    for shown in (drawn, refused_drawn):
         assert len({title for title, _ in shown}) == len(shown) == 5
         for title, svg in shown:
             marks = etree.fromstring(svg).iter("{http://www.w3.org/2000/svg}use", "{http://www.w3.org/2000/svg}path")
@@ -217,7 +222,7 @@ def test_everything_is_written_and_the_model_comes_back(hot, written):
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
 
 
-def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch):
+def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch, undrawn):
     folder, _ = written
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 

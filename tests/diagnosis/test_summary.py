@@ -297,7 +297,7 @@ def test_free_residuals_are_those_of_the_given_model(hot):
     assert np.linalg.norm(data.cleared) <= np.linalg.norm(data.residual)
 
 
-def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_path):
+def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_path, undrawn):
     assert repr(hot) == f"<Diagnosis: {hot.headline}>"
     assert hot.verdict == "named"
     frame = hot.to_frame()
