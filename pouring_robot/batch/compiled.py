@@ -217,8 +217,12 @@ class CompiledEngine(Engine):
             kernel(own, make_room(own), *arguments, first, min(first + _SAMPLES_AT_A_TIME, count))
 
         starts = range(0, count, _SAMPLES_AT_A_TIME)
+        if self.threads == 1 or len(starts) < 2:
+            for first in starts:
+                run(first)
+            return
         with ThreadPoolExecutor(self.threads) as pool:
-            for _ in (map if self.threads == 1 or len(starts) < 2 else pool.map)(run, starts):
+            for _ in pool.map(run, starts):
                 pass
 
 
