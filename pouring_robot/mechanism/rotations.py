@@ -12,8 +12,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 # Below this angle (rad) the series is exact to round-off where the closed form would divide zero by zero.
 _SMALL = 1e-4
-# Sine of half an angle below which the angle is twice it to round-off.
-_TINY = 1e-9
 
 
 def skew(vectors: FloatArray) -> FloatArray:
@@ -60,13 +58,6 @@ def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
 
 def rotation_vectors(matrices: FloatArray) -> FloatArray:
     """Return rotation vectors (..., 3), in rad, of rotation matrices (..., 3, 3); NaN stays NaN."""
-    diagonal = matrices[..., 0, 0] + matrices[..., 1, 1] + matrices[..., 2, 2]
-    if not (diagonal <= 0.0).any():  # turns below 120 degrees, as those between poses are, have a plain quaternion
-        cosine = np.sqrt(0.25 + 0.25 * diagonal)  # of half the angle
-        x, y, z = ((matrices[..., i, j] - matrices[..., j, i]) / (4.0 * cosine) for i, j in ((2, 1), (0, 2), (1, 0)))
-        sine = np.sqrt(x * x + y * y + z * z)
-        factor = np.where(sine < _TINY, 2.0, 2.0 * np.arctan2(sine, cosine) / np.maximum(sine, _TINY))
-        return np.asarray(np.stack([x, y, z], axis=-1) * factor[..., None])
     from scipy.spatial.transform import Rotation
 
     known = np.isfinite(matrices).all(axis=(-2, -1))
