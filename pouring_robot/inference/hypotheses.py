@@ -31,7 +31,7 @@ _LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
-Known = TypeVar("Known")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +186,11 @@ class Hypothesis:
         known: dict[Hashable, Any] = self.problem.worked_out.setdefault(("fitted", fitted, self.levels), {})
         return known
 
-    def once(self, what: Hashable, work: Callable[[], Known]) -> Known:
+    def once(self, what: Hashable, work: Callable[[], Value]) -> Value:
         """Return what is worked out once for this hypothesis and those that :attr:`_known` holds for equal."""
         if what not in self._known:
             self._known[what] = work()
-        found: Known = self._known[what]
+        found: Value = self._known[what]
         return found
 
     def worth(self, indices: Collection[int]) -> float:
