@@ -4,6 +4,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import (
     absent_sources,
     apart_lines,
+    form_text,
     gap_sentence,
     gap_table,
     next_lines,
@@ -132,6 +134,14 @@ def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
     assert "noise" in gap_sentence(hot)
     assert "of the gap in position closed" in gap_sentence(hot)
     assert "warm legs are longer" in words(hot)
+
+
+def test_as_many_forms_are_named_as_there_are():
+    items = [SimpleNamespace(form=form) for form in ("a_alone", "b_alone", "all")]
+    diagnosis = SimpleNamespace(hypothesis=SimpleNamespace(items=items))
+    for indices, said in (((0, 1), "forms 'a alone', 'b alone'"), ((1, 2), "form 'b alone'"), ((2,), "")):
+        cause = SimpleNamespace(indices=indices, form=items[indices[0]].form)
+        assert form_text(diagnosis, SimpleNamespace(cause=cause)) == said
 
 
 def test_a_near_miss_is_said_where_nothing_is_named(nothing, monkeypatch):

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.sentences import (
+    form_text,
     gap_sentence,
     gap_table,
     headline,
@@ -99,7 +100,8 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     # Beside something unknown a probability among the known causes would mislead.
     sure = "" if diagnosis.verdict == "unknown" else f"probability {cause.probability:.4f}, "
     surely = f"{sure}log evidence {cause.evidence:.0f} nats{others}"
-    words = f"{effect.story}; form '{plain(cause.form)}', {surely}"
+    form = form_text(diagnosis, effect)
+    words = f"{effect.story}; {form}{', ' if form else ''}{surely}"
     nearest = effect in diagnosis.nearest
     title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
     folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""

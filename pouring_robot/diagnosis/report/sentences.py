@@ -175,14 +175,21 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     )
     shown = order[:_SHOWN_PARAMETERS]
     more = len(every) - len(shown)
-    form = "" if cause.form in (WORKMANSHIP_FORM, "all") else f"form '{plain(cause.form)}': "
+    form = form_text(diagnosis, effect)
     lines.append(
-        f"{form}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
+        f"{form}{': ' if form else ''}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
         + (f"; {more} more {'in the report' if short else 'below'}" if more else "")
     )
     if not clear:
         lines.append("what they do together is sure, no single value of them is")
     return lines
+
+
+def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
+    """Return the form of an effect in words, or its forms; "" where that says nothing: workmanship, all drives."""
+    at_work = [diagnosis.hypothesis.items[k].form for k in effect.cause.indices] or [effect.cause.form]
+    told = [f"'{plain(form)}'" for form in dict.fromkeys(at_work) if form not in (WORKMANSHIP_FORM, "all")]
+    return f"form{'s' * (len(told) > 1)} {', '.join(told)}" if told else ""
 
 
 def parameter_text(name: str, found: FoundParameter) -> str:
