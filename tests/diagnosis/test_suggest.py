@@ -243,6 +243,14 @@ def test_columns_that_new_rows_do_not_change_are_held_once(confounded):
     assert not same["base_drift"]  # it steadies over all rows, and new ones come hours later
 
 
+def test_sides_are_suggested_of_the_drives_of_which_a_campaign_says_them(confounded):
+    campaign = confounded.rows.campaign
+    partly = np.where(np.arange(4) == 1, np.ones((len(campaign), 4)), np.nan)
+    for sides, told in ((partly, [False, True, False, False]), (None, None)):
+        found = candidates(dataclasses.replace(campaign, approach=sides), confounded.model, 10, 0).approach
+        assert (found if found is None else np.isfinite(found).all(axis=0).tolist()) == told
+
+
 def test_words_name_what_the_campaign_held_still(confounded):
     conditions = confounded.rows.conditions
     effects = chosen_effects()

@@ -63,7 +63,8 @@ class Candidates:
     drives: FloatArray  # (n, drives) in m and rad
     hot: BoolArray  # whether the machine is hot, (n,)
     hours_later: FloatArray  # after the last row of the campaign, (n,)
-    approach: FloatArray | None  # (n, drives) +1 or -1; None where the campaign does not say it of every drive
+    # (n, drives) +1 or -1, NaN of drives of which the campaign does not say it; None where it says it of none
+    approach: FloatArray | None
     conditions: dict[str, FloatArray]  # (n,) each by quantity name; only those that the campaign has
 
     def __len__(self) -> int:
@@ -124,8 +125,8 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     for kind in causes_of(campaign.robot).thermometers:
         made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
-    sides = campaign.approach  # they are recorded where no column of them is empty
-    recorded = None if sides is None or not np.isfinite(sides).any(axis=0).all() else approach
+    sides = campaign.approach
+    recorded = None if sides is None else np.where(np.isfinite(sides).any(axis=0), approach, np.nan)
     return Candidates(poses, drives, hot, later, recorded, kept)
 
 

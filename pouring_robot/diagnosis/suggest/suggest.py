@@ -207,7 +207,7 @@ def _measurement(
     gains: FloatArray,
 ) -> SuggestedMeasurement:
     sides = () if possible.approach is None else possible.approach[index].tolist()
-    given = dict(zip(approach_names(robot), sides, strict=False))
+    given = {name: side for name, side in zip(approach_names(robot), sides, strict=False) if np.isfinite(side)}
     canonical = {quantity.name: quantity.canonical for quantity in robot.condition_columns if quantity.name != "time"}
     given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))
