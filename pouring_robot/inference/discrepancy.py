@@ -54,9 +54,8 @@ class Challenge:
 
 
 _NOTHING = Process("", "", {})
-_CHANNELS_AT_HAND = 12
-"""How many channels are held against everything before the first is forgotten: processes that share them are next to
-each other, and of many rows each takes much room."""
+_AT_HAND = 2**26
+"""Room for channels that were held against everything, in bytes: processes that share them are next to each other."""
 _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
@@ -125,7 +124,8 @@ class Discrepancy:
         places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
         values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
-        against = lru_cache(_CHANNELS_AT_HAND)(lambda channel: channel.against(values))
+        kept = max(1, _AT_HAND // max(values.nbytes, 1))
+        against = lru_cache(kept)(lambda channel: channel.against(values))
         self._seen = {
             process.name: [_Seen.of(process, length, against, nuisance.dof) for length in process.lengths]
             for process in processes
