@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -204,14 +205,16 @@ def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
 def _exchanged(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> Hypothesis:
     """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
 
-    Branches of the search meet again and again, so each exchange is looked for once.
+    Branches of the search meet again and again, so each exchange is looked for once. What is remembered is no
+    hypothesis: that holds its problem, which would hold itself, and its columns, for long.
     """
     asked = "exchanged", key, hypothesis.barred, options.branches
-    return hypothesis.once(asked, lambda: _better(hypothesis, key, options)) or hypothesis
+    found = hypothesis.once(asked, lambda: _better(hypothesis, key, options))
+    return replace(hypothesis, **found) if found else hypothesis
 
 
-def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> Hypothesis | None:
-    """Return the hypothesis with a better explanation in the place of one, if there is any.
+def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> dict[str, Any]:
+    """Return what changes where a better explanation stands in the place of one; nothing where none is better.
 
     Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
@@ -228,11 +231,11 @@ def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions
         if other.log_evidence > hypothesis.log_evidence - _BRANCH_BEHIND:
             other = other.settled()
         if other.log_evidence > hypothesis.log_evidence + 1e-6:
-            return other
+            return {"items": other.items, "scales": other.scales, "levels": other.levels}
         tried.add(item.effect)
         if len(tried) == options.branches:
             break
-    return None
+    return {}
 
 
 def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
