@@ -50,10 +50,10 @@ class CompiledEngine(Engine):
 
     def _joints_at(self, configurations: FloatArray) -> FloatArray:
         joints = np.zeros((len(configurations), *self.structure.star.revolute.shape))
-        for row, configuration in enumerate(configurations):
-            values = self.structure.mechanism.joint_values(configuration)
-            for i, names in enumerate(self.structure.joint_names):
-                joints[row, i, : len(names)] = [values[name] for name in names]
+        values = self.structure.mechanism.joint_courses(configurations)
+        for i, names in enumerate(self.structure.joint_names):
+            for k, name in enumerate(names):
+                joints[:, i, k] = values[name]
         return joints
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:

@@ -27,11 +27,7 @@ class GeneralStructure(Structure):
 
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
         """Return the values of joints by name, as the base class, from configurations (n, nq)."""
-        model = self.mechanism.shared_model
-        single = {str(model.names[j]): model.joints[j] for j in range(1, model.njoints) if model.nvs[j] == 1}
-        stored = {name: joints[:, joint.idx_q : joint.idx_q + joint.nq].T for name, joint in single.items()}
-        # A joint without limits ('continuous' in URDF) is stored as cosine and sine.
-        return {name: own[0] if len(own) == 1 else np.arctan2(own[1], own[0]) for name, own in stored.items()}
+        return self.mechanism.joint_courses(joints)
 
     def configurations(self, joints: FloatArray) -> FloatArray:
         """Return configurations (n, nq), which the engine's joints are."""

@@ -145,7 +145,7 @@ class FrameChecks:
 
     def _unreachable(self) -> None:
         complete = np.isfinite(self.data.drives).all(axis=1)
-        rows = np.flatnonzero(complete & (self._beyond(self.data) | ~self.data.poses.complete))
+        rows = np.flatnonzero(complete & (self._beyond(self.data.drives).any(axis=1) | ~self.data.poses.complete))
         if rows.size:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
             names = columns.drive_names(self.campaign.robot)
@@ -163,15 +163,14 @@ class FrameChecks:
         turns = np.array([2.0 * np.pi if drive.unit == "rad" else np.inf for drive in self.campaign.robot.drives])
         with np.errstate(invalid="ignore"):  # a slide without limits
             up, down = np.ceil((self._lower - values) / turns), np.floor((self._upper - values) / turns)
-        beyond = (values < self._lower - _LIMIT_SLACK) | (values > self._upper + _LIMIT_SLACK)
+        beyond = self._beyond(values)
         if not beyond.any(axis=1).all() or (beyond & (np.isinf(turns) | (up > down))).any():
             return []
         return np.flatnonzero(beyond.any(axis=0)).tolist()
 
-    def _beyond(self, data: Comparison) -> BoolArray:
-        """Return the rows of which a drive is beyond its limits, (n,)."""
-        beyond = (data.drives < self._lower - _LIMIT_SLACK) | (data.drives > self._upper + _LIMIT_SLACK)
-        return np.asarray(beyond.any(axis=1))
+    def _beyond(self, drives: FloatArray) -> BoolArray:
+        """Return which drives are beyond their limits, (n, D)."""
+        return np.asarray((drives < self._lower - _LIMIT_SLACK) | (drives > self._upper + _LIMIT_SLACK))
 
     def _not_compared(self) -> None:
         """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""
@@ -265,7 +264,9 @@ class FrameChecks:
 
         found, put_right = _fitted(tried, misfit, most), dict(tried)
         least = min((after for after, _ in found), default=0.0)
-        beyond = {m: self._beyond(put_right[m]).mean() for after, m in found if after <= _EQUAL * least}
+        beyond = {
+            m: self._beyond(put_right[m].drives).any(axis=1).mean() for after, m in found if after <= _EQUAL * least
+        }
         fewest = min(beyond.values(), default=0.0)
         return _least([one for one in found if beyond.get(one[1], np.inf) <= fewest + _SOME_BEYOND])
 

@@ -41,7 +41,6 @@ LEAST_FACTOR = 2.0
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
 _STILL_M = 1e-9  # positions that vary by less stand still
-_DEGREE = math.pi / 180.0
 _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 
@@ -182,8 +181,8 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
     """Yield what is linear and quadratic in positions (n, 3), (n,) each: such as guides that bow."""
     spread = np.ptp(position_m, axis=0)
-    varied = position_m[:, spread > _STILL_M]  # else round-off would be made large
-    x = 2.0 * (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0)
+    varied = spread > _STILL_M  # else round-off would be made large
+    x = 2.0 * (position_m - position_m.mean(axis=0))[:, varied] / spread[varied]
     yield from x.T
     yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(x.shape[1]), 2))
 
@@ -224,7 +223,7 @@ def _step(values: FloatArray, unit: str) -> tuple[float, str]:
     shown, si = shown_in(unit)
     steps = [(_round_step(values) / si, shown, si)]
     if unit == "rad":
-        steps.append((_round_step(values / _DEGREE), "deg", _DEGREE))
+        steps.append((_round_step(np.degrees(values)), "deg", math.radians(1.0)))
     step, shown, si = max(steps, key=lambda one: one[0] * one[2])
     return step * si, f"{step:g} {shown}"
 

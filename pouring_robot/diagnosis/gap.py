@@ -91,8 +91,7 @@ class Gap:
     @property
     def closed(self) -> float:
         """Return how much of the position's gap is gone: (before - after) / (before - floor); NaN without a gap."""
-        gap = self.position("before") - self.position("floor")
-        return (self.position("before") - self.position("after")) / gap if gap > 0.0 else float("nan")
+        return share_closed(*(self.position(which) for which in ("before", "after", "floor")))
 
     def metrics(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""
@@ -104,6 +103,11 @@ class Gap:
             for k in self.seen.tolist()
         }
         return {"rows": self.rows, **sizes, "components": components}
+
+
+def share_closed(before: float, after: float, floor: float) -> float:
+    """Return how much of a gap is gone: (before - after) / (before - floor); NaN without a gap."""
+    return (before - after) / (before - floor) if before > floor else float("nan")
 
 
 def _by_component(seen: WhitenedRows, size: int) -> FloatArray:

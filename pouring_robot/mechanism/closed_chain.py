@@ -349,12 +349,19 @@ class ClosedChainMechanism:
 
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""
-        values = {}
-        for name, first, count, freedoms in self._moving:
-            if freedoms == 1:
-                stored = configuration[first : first + count]
-                values[name] = float(stored[0] if count == 1 else np.arctan2(stored[1], stored[0]))
-        return values
+        return {name: float(value) for name, value in self.joint_courses(configuration).items()}
+
+    def joint_courses(self, configurations: FloatArray) -> dict[str, FloatArray]:
+        """Return the values of every one-freedom joint by name, (...) each in m or rad, from configurations (..., nq).
+
+        A joint without limits ('continuous' in URDF) is stored as cosine and sine.
+        """
+        stored = {
+            name: [configurations[..., first + k] for k in range(count)]
+            for name, first, count, freedoms in self._moving
+            if freedoms == 1
+        }
+        return {name: own[0] if len(own) == 1 else np.arctan2(own[1], own[0]) for name, own in stored.items()}
 
     def joint_axes(self, joints: Sequence[int]) -> FloatArray:
         """Return the first motion of joints, by Pinocchio's indices, in their own frames at zero: twists, (n, 6)."""

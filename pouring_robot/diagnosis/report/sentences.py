@@ -8,7 +8,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.candidates import in_mm_deg
@@ -116,8 +116,7 @@ def _closed_text(diagnosis: Conclusions, gap: Gap) -> str:
     if not clear or diagnosis.verdict == "no_gap":
         return ""
     kind = clear[0]
-    before, after, floor = sizes[kind]
-    closed = (before - after) / (before - floor)
+    closed = share_closed(*sizes[kind])
     share = "all" if closed > 0.995 else f"{100.0 * closed:.0f} %"
     return f" ({share} of the gap{f' in {kind}' if len(sizes) > 1 else ''} closed)"
 

@@ -63,12 +63,12 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     if freedoms < 1:
         raise BadInputError(f"{m} measured values cannot show more than the {data.nuisance.dof} unknowns of the frames")
     noted: list[str] = []
-    as_left, data = data, data if data.noise_known else data.scaled(data.cleared)
+    scaled = data if data.noise_known else data.scaled(data.cleared)
     if not data.noise_known:
         noted.append("The noise is not known: sizes cannot be judged against it, only what they depend on.")
-    general = [overall(data, freedoms), *components(data), *repeats(data, conditions)]
+    general = [overall(scaled, freedoms), *components(scaled), *repeats(scaled, conditions)]
     if n >= _FEWEST_ROWS:
-        general += regions(data, conditions)
+        general += regions(scaled, conditions)
         if missing := untested(conditions):
             noted.append(f"Not measured or not varied, so nothing can be said of: {', '.join(missing)}.")
     else:
@@ -77,7 +77,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     # How much first, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != "region"),
-        *(dependence(as_left, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
+        *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
         *[f for f in general if f.what == "region"][:1],
     )
     return Where(findings, tuple(noted), conditions.causes.words.base)
