@@ -95,7 +95,7 @@ lint: $(INSTALLED)  ## ruff and the order of the rooms; nothing is changed
 
 typecheck: $(INSTALLED)  ## mypy --strict
 	$(call say,mypy)
-	@$(VPY) -m mypy --strict $(CODE)
+	@$(VPY) -m mypy --strict --num-workers auto $(CODE)
 
 format: $(INSTALLED)  ## let ruff mend what it can and format
 	$(call say,ruff: mending and formatting)

@@ -123,7 +123,7 @@ class CompiledEngine(Engine):
 
         Loops may stay open by so much (m, rad), or as options say; a ``star`` stands in for the mechanism's own.
         """
-        result, samples = self._room_for(start), _samples(start, placed)
+        result, samples, drives = self._room_for(start), _samples(start, placed), fixed(drives)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
         if chain is not None or self.structure.is_serial:
             own = fixed(np.zeros(len(start)) if chain is None else chain, np.int64)
@@ -176,7 +176,7 @@ class CompiledEngine(Engine):
         count = len(joints)
         joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")
         placed = SiteErrors.take(errors, count, self.structure.site_count)
-        samples = Samples(np.zeros((0, 3)), np.zeros((0, 3, 3)), joints, placed.errors, placed.site)
+        samples = Samples(fixed(np.zeros((0, 3))), fixed(np.zeros((0, 3, 3))), joints, placed.errors, placed.site)
         return self._of_kernel(branch_samples, np.zeros(count, dtype=np.uint8), self._chosen(parameters), samples)
 
     def _of_kernel(

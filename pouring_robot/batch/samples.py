@@ -78,13 +78,17 @@ class SiteErrors:
     errors: FloatArray
     site: IntArray  # the site each sample displaces, shape (n,), or (0,)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "errors", fixed(self.errors))
+        object.__setattr__(self, "site", fixed(self.site, np.int64))
+
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
         """Displace one site a sample (n,) by its error (n, 6), m and rad; raises BadInputError if shapes do not fit."""
         site, error = fixed(site, np.int64), fixed(error)
         if site.ndim != 1 or error.shape != (len(site), 6):
             raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
-        return cls(fixed(error[:, None, :]), site)
+        return cls(error[:, None, :], site)
 
     def __getitem__(self, samples: IntArray) -> SiteErrors:
         if self.site.size:
@@ -94,15 +98,15 @@ class SiteErrors:
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
         """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
-        nothing = fixed(np.zeros(0), np.int64)
+        nothing = np.zeros(0, dtype=np.int64)
         if errors is None:
-            return cls(fixed(np.zeros((0, sites, 6))), nothing)
+            return cls(np.zeros((0, sites, 6)), nothing)
         if isinstance(errors, SiteErrors):
             if len(errors.errors) not in (0, count) or (errors.site.size and errors.errors.shape[1] != 1):
                 raise BadInputError(f"there are {count} samples but errors for {len(errors.errors)}")
             if errors.site.size and not (errors.site.min() >= 0 and errors.site.max() < sites):
                 raise BadInputError(f"a site must be 0 to {sites - 1}, not {errors.site.min()} to {errors.site.max()}")
-            return cls(fixed(errors.errors), fixed(errors.site, np.int64))
+            return errors
         array = fixed(errors)
         if array.shape not in ((sites * 6,), (count, sites * 6)):
             raise BadInputError(
@@ -110,7 +114,7 @@ class SiteErrors:
             )
         if array.ndim == 1 and not np.all(np.isfinite(array)):
             raise BadInputError("the placement errors common to all samples hold a value that is not a finite number")
-        return cls(fixed(array.reshape(-1, sites, 6)), nothing)
+        return cls(array.reshape(-1, sites, 6), nothing)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ _FREE_BODY_FREEDOMS = 6
 class Star(NamedTuple):
     """What the kernels see. C chains of at most J joints, at most P passive ones each.
 
-    Shorter chains end in joints that do nothing. Lengths of the tuples are known to the compiler.
+    Shorter chains end in joints that do nothing. Nothing here but arrays: one compilation of a kernel fits all stars.
     """
 
     placements: FloatArray  # row-major rotation and translation of J joint placements, tip and seat, (C, J + 2, 12)
@@ -43,7 +43,6 @@ class Star(NamedTuple):
     place: IntArray  # passive place of each joint, -1 if it is not passive, (C, J)
     drives: IntArray  # chain and joint of each drive, (drives, 2)
     stiffness: FloatArray  # of a closure in N/m and Nm/rad, (2,)
-    passive_count: tuple[int, ...]  # P entries of no meaning
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,6 @@ class StarStructure(Structure):
             place=fixed(place, np.int64),
             drives=fixed(drives, np.int64),
             stiffness=fixed(np.array(mechanism.loops.stiffness_si)),
-            passive_count=(0,) * passive.shape[1],
         )
         names = tuple(tuple(model.names[j] for j in chain.joints) for chain in chains)
         sites = (

@@ -8,6 +8,8 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch import CompiledEngine, GeneralEngine, HomotopyStarts
+from pouring_robot.batch.kernels.samples import carry_samples, close_samples
+from pouring_robot.batch.kernels.transfer import branch_samples, transfer_samples
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
@@ -122,6 +124,22 @@ def test_every_target_is_reached_from_home(mechanism, name):
         assert distance < 1e-9 and angle < 1e-9
         values = np.array([result.joint_values[joint] for joint in mechanism.joint_limits()])
         assert np.all((lower <= values) & (values <= upper))
+
+
+def test_a_kernel_is_compiled_once_for_whatever_robot_and_errors():
+    """Ten seconds of compiling for each shape of robot, or way to hand over errors, would be its user's to wait for."""
+    for name in MACHINES:
+        engine = CompiledEngine(robot_of(name).mechanism())
+        drives = np.array([HOME[name][0]] * 2)
+        start = HomotopyStarts(engine, robot_of(name).file.home).starts(drives)
+        # The second ones are so large that they grow step by step.
+        for errors in (None, np.full((2, 6 * engine.structure.site_count), 0.02)):
+            closed = engine.close(drives, start, errors)
+            engine.transfer(closed, errors=errors)
+            engine.transfer_open_branch(closed.joints, errors=errors)
+            engine.carry(np.zeros(2, dtype=np.int64), drives, start, errors)
+    for kernel in (close_samples, carry_samples, transfer_samples, branch_samples):
+        assert len(kernel.signatures) == 1, kernel.__name__
 
 
 @pytest.mark.parametrize("kind", [CompiledEngine, GeneralEngine])

@@ -92,7 +92,7 @@ class Closures(NamedTuple):
 def make_room(star: Star) -> Room:
     """Return working arrays for a star; its sites are those without errors."""
     chains, joints = star.revolute.shape
-    places = len(star.passive_count)
+    places = star.passive.shape[1]
     count, six = chains * joints, (chains, 6 * places)
     shapes = (count, count, 12, 12, (chains, joints, 9), (chains, _GAPS_WIDTH), six, six)
     more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
@@ -252,7 +252,7 @@ def move(star: Star, room: Room, share: float) -> None:
         platform[9 + k] += share * step[k]
     joints = star.revolute.shape[1]
     for i in range(star.revolute.shape[0]):
-        for n in range(len(star.passive_count)):
+        for n in range(star.passive.shape[1]):
             if star.passive[i, n] >= 0:
                 room.joints[i * joints + star.passive[i, n]] += share * room.joint_step[i, n]
 

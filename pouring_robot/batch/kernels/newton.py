@@ -116,7 +116,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
 @compiled
 def solve_step(star: Star, room: Room) -> float:
     """Write the Newton step from the factorised Hessian and the present gaps; return its largest component."""
-    places = len(star.passive_count)
+    places = star.passive.shape[1]
     s, step = room.schur, room.step
     step[:] = 0.0
     for i in range(star.revolute.shape[0]):
@@ -188,7 +188,7 @@ def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
         room.matrix[:] = 0.0
         for c in range(3):
             room.matrix[7 * c], room.matrix[21 + 7 * c] = kt, kr
-    for n in range(len(star.passive_count)):
+    for n in range(star.passive.shape[1]):
         at, k = 6 * n, star.passive[i, n]
         if k < 0:
             columns[at : at + 6] = 0.0
@@ -211,7 +211,7 @@ def row_times(matrix: FloatArray, at: int, linear: Triple, angular: Triple) -> f
 @compiled
 def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bool:
     """Factorise chain i's own block and write its coupling; return whether the block is positive semidefinite."""
-    places = len(star.passive_count)
+    places = star.passive.shape[1]
     d, wd, low, z = room.columns[i], room.stiff[i], room.factor[i], room.coupling[i]
     for n in range(places):
         row = n * places
@@ -275,7 +275,7 @@ def add_platform_block(room: Room, rho: Triple) -> None:
 @compiled
 def subtract_chains(star: Star, room: Room) -> None:
     """Take what the eliminated chains give way off the platform's block."""
-    places = len(star.passive_count)
+    places = star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
         for n in range(places):
             weight, z = room.factor[i, n * places + n], room.coupling[i, 6 * n : 6 * n + 6]

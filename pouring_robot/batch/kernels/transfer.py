@@ -80,7 +80,7 @@ def determined(room: Room) -> bool:
 @compiled
 def enter_chain(star: Star, room: Room, i: int, exact: bool) -> Triple:
     """Write lambda, ``front`` before the first joint and ``through`` of chain i; return its reference point."""
-    places = len(star.passive_count)
+    places = star.passive.shape[1]
     rho = chain_columns(star, room, i, exact)
     coupling, factor, w = room.coupling[i], room.factor[i], room.matrix
     for r in range(6):
@@ -162,7 +162,7 @@ def transfer_one(star: Star, room: Room, columns: Columns, matrix: FloatArray, e
     for r in range(6):  # u is the inverse Schur complement
         room.unit[7 * r] = 1.0
         solve_platform(room.schur, room.unit[6 * r : 6 * r + 6])
-    joints, places = star.revolute.shape[1], len(star.passive_count)
+    joints, places = star.revolute.shape[1], star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
         reference = enter_chain(star, room, i, exact)
         for k in range(joints):
