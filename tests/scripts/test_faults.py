@@ -27,19 +27,19 @@ def test_a_stopped_command_leaves_whole_files_or_none(study, name, what, in_time
 
 
 @pytest.mark.parametrize(
-    "place",
+    ("place", "name"),
     [
-        "disk full from a random operation on",
-        "no file may pass 4 kB",
-        "cache that is a file",
-        "two runs at once",
-        "output in ASCII",
-        "output closed",
-        "names of 255 bytes",
+        ("disk full from a random operation on", "campaign simulate"),
+        ("no file may pass 4 kB", "campaign simulate"),
+        ("cache that is a file", "pose"),  # which compiles no kernels: that would take as long as all others
+        ("two runs at once", "campaign simulate"),
+        ("output in ASCII", "campaign simulate"),
+        ("output closed", "campaign simulate"),
+        ("names of 255 bytes", "campaign simulate"),
     ],
 )
-def test_a_command_ends_right_or_with_one_line(study, place):
-    ended, sound = PLACES[place](study, BY_NAME["campaign simulate"])
+def test_a_command_ends_right_or_with_one_line(study, place, name):
+    ended, sound = PLACES[place](study, BY_NAME[name])
     assert not place_fault(ended, sound)
 
 
