@@ -6,6 +6,8 @@ MAKEFLAGS += --no-print-directory --no-builtin-rules
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .SUFFIXES:
+# Bytecode is kept, whatever the environment says: the tests start hundreds of commands, which would compile all anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 # `make install PYTHON=/path/to/python3.13` chooses another interpreter. The locked packages are those of 3.11, on which
 # everything is tested; each has its wheel, by the same hashes, for 3.12 to 3.14.
