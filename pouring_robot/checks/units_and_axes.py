@@ -17,7 +17,7 @@ from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS, affine_map
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -37,6 +37,7 @@ _TELLING_SPREAD = 1e-2  # below it the affine map says little
 _NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
+_GLANCE = 20  # rows, of which fewer than half have a pose once in 2,000 times where that share of all has (binomial)
 _QUARTER_TURNS = (90, -90, 180)  # between the usual zeros of a turning joint, in degrees
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
 
@@ -99,6 +100,9 @@ class Comparison:
     def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Comparison | None:
         """Return the same with drives changed; None where too few of them have a pose."""
         drives = change(self.drives)
+        some = evenly(len(drives), _GLANCE)
+        if len(some) < len(drives) and nominal_poses(drawing, drives[some]).complete.mean() < 0.5:
+            return None
         poses = nominal_poses(drawing, drives)
         if poses.complete.sum() < max(FEWEST_ROWS, _REACHED * len(drives)):
             return None
