@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import Phase, settings
 
 from pouring_robot.calibration import report
 from pouring_robot.campaign.plan import PosePlan, random_plan
@@ -18,6 +19,11 @@ from tests.support import ACTUAL, crooked_model
 def pytest_configure():
     """Let workers that share the cores not share each product among them, too."""
     one_blas_thread_from_the_start()
+
+
+# Which lines a failing example runs through is not asked: Hypothesis would trace every line of every example for it.
+settings.register_profile("untraced", phases=[phase for phase in Phase if phase is not Phase.explain])
+settings.load_profile("untraced")
 
 
 @pytest.fixture

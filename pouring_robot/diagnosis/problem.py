@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +26,10 @@ class Library:
     workmanship: Mapping[str, Form]  # its kinds, by the effect that each is called when it is all there is
 
     @classmethod
-    def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:
+    def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect], kept: Collection[tuple[str, str]] = ()) -> Library:
         """Return the library for a campaign, of effects that may be named, by id.
+
+        Forms that are ``kept``, by effect and form, are there even if others make the same in these rows.
 
         Raises:
             BadInputError: an effect of a package does not do as :class:`~pouring_robot.effects.base.Effect` says.
@@ -37,7 +39,9 @@ class Library:
             (effect.id, form.name): form
             for effect in chosen.values()
             if not effect.missing(given)
-            for form in _distinct(checked_forms(effect, given, channels))
+            for form in _distinct(
+                checked_forms(effect, given, channels), {form for own, form in kept if own == effect.id}
+            )
         }
         effects = all_effects(given.robot)
         kinds = {name: effect.workmanship(given) for name, effect in effects.items()}
@@ -49,15 +53,15 @@ class Library:
         return {(effect, form.name): form for effect, form in self.workmanship.items()} | dict(self.forms)
 
 
-def _distinct(forms: Iterable[Form]) -> Iterator[Form]:
-    """Yield forms without those values of a constant that make in these rows what another form makes.
+def _distinct(forms: Iterable[Form], kept: Collection[str]) -> Iterator[Form]:
+    """Yield forms without those values of a constant, but for some, that make in these rows what another form makes.
 
     Free play that no force presses is plain play, whatever it would take to press it.
     """
     known = set[tuple[bytes, ...]]()
     for form in forms:
         key = tuple(change.tobytes() for p in form.parameters if p.main for change in p.changes.values())
-        if not form.one_of or key not in known:
+        if not form.one_of or key not in known or form.name in kept:
             yield form
         known.add(key)
 

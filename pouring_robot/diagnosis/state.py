@@ -120,6 +120,8 @@ class Diagnoser:
         if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
             vars(self)["thresholds"] = self._thresholds_in(problem)
         thresholds = self.thresholds
+        if start and not start.keys <= {item.key for item in problem.explanations}:
+            start = None  # other rows may have no such form: another session, forces that differ by less
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for _ in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):

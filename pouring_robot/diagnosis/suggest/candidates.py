@@ -158,7 +158,8 @@ class Prospect:
         self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
         known = diagnosis.diagnoser.library
         tried = {effect for effect, _ in known.forms}
-        library = Library.of(rows, {name: effect for name, effect in known.effects.items() if name in tried})
+        chosen = {name: effect for name, effect in known.effects.items() if name in tried}
+        library = Library.of(rows, chosen, diagnosis.hypothesis.keys)
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
