@@ -77,8 +77,10 @@ def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[Fl
     It is what all errors within the robot's tolerances make together, root mean square. A device that scatters by more
     shows none of them, so nobody measures the robot with it: what is left is then a misfit that nothing explains. Less
     may still be a poor device. ``tolerated`` has a column (m,) an error: what one standard deviation of it changes
-    beyond what frames absorb, over the noise; ``components`` is what each of the m equations is of.
+    beyond what frames absorb, over the noise; ``components`` is what each of the m equations is of. Where they absorb
+    all, :data:`LEAST_NOISE` may be left.
     """
     variance = sum((column**2 for column in tolerated), np.zeros(len(components)))
     seen = {kind: are(kind, components) for kind in noise.open_kinds}
-    return {kind: noise[kind].sigma * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}
+    sizes = {kind: noise[kind].sigma * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}
+    return {kind: max(size, LEAST_NOISE) for kind, size in sizes.items()}

@@ -199,6 +199,19 @@ def test_without_stated_noise_it_says_where_the_noise_comes_from(hot, run):
     assert "noise is not stated" in said.replace("\n", " ")
 
 
+def test_a_single_rotation_leaves_nothing_and_is_no_misfit(hot, run):
+    """The frames explain it exactly: what is left is rounding, which no noise is to be taken from."""
+    table = hot.head(16).changed(lambda k, row: row | (dict.fromkeys(("rx_rad", "ry_rad", "rz_rad"), "") if k else {}))
+    table.settings["metrology"] = {
+        name: value for name, value in table.settings["metrology"].items() if not name.startswith("sigma")
+    }
+    code, figures, _, _ = run(table)
+    assert code == 0
+    assert figures["misfit"] == ""
+    assert figures["verdict"] != "unknown"
+    assert not any("size_mrad" in entry for entry in figures["where"])
+
+
 def test_without_temperatures_heat_is_untestable_and_nothing_else_is_blamed(hot, run):
     code, figures, said, _ = run(hot.head(45).without(*TEMPERATURES))
     assert code == 0

@@ -1,7 +1,5 @@
 """Closing the loops: against an independent formulation, against itself from other sides, and its failures."""
 
-import itertools
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -156,7 +154,16 @@ def test_agrees_with_plain_kinematics_and_scipy_when_the_loops_stay_open(very_cr
 # --- all chains count alike ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", list(itertools.permutations(CHAINS)), ids=lambda order: "".join(map(str, order)))
+# Each chain carries the platform, with the others behind it in one order and its reverse: a description takes a second.
+ORDERS = [
+    (first, *others)
+    for first in CHAINS
+    for rest in [[i for i in CHAINS if i != first]]
+    for others in (rest, rest[::-1])
+]
+
+
+@pytest.mark.parametrize("order", ORDERS, ids=lambda order: "".join(map(str, order)))
 def test_the_carrying_chain_and_the_order_of_the_chains_do_not_matter(as_built, crooked, order):
     for robot in (as_built, crooked):
         solver = ClosureSolver(carried_by(robot.model, order)[1])

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.instruments import LEAST_NOISE, are
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
@@ -47,9 +47,12 @@ class FreeResiduals:
         return are("rotation", self.component)
 
     def scaled(self, left: FloatArray) -> FreeResiduals:
-        """Return the same with the root mean square of what is left, (m,), of positions and rotations, for noise."""
+        """Return the same with the root mean square of what is left, (m,), of positions and rotations, for noise.
+
+        At least :data:`LEAST_NOISE`: what the frames explain exactly, one rotation say, leaves rounding and no noise.
+        """
         placed, turned = rms(left[~self.turning]), rms(left[self.turning])
-        factor = np.maximum(np.where(self.turning, turned, placed), 1e-12)
+        factor = np.maximum(np.where(self.turning, turned, placed), LEAST_NOISE / self.sigma)
         return replace(
             self,
             residual=self.residual / factor,

@@ -9,6 +9,7 @@ How long an expression takes is not limited.
 
 import ast
 import contextlib
+import functools
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -109,6 +110,7 @@ def _refusal(said: str) -> Callable[..., NoReturn]:
     return refuse
 
 
+@functools.lru_cache(maxsize=_LONGEST)  # a robot has the same ones for each of its legs
 def _check(expression: str) -> None:
     """Raise ValueError for an expression by which one could get at more than numbers, words and lists."""
     if len(expression) > _LONGEST:
