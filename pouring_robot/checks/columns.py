@@ -38,6 +38,7 @@ def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
         _temperature_jumps,
         _approach,
         _time,
+        _sessions,
         _noise_level,
         _temperatures,
         _ignored,
@@ -220,6 +221,14 @@ def _roughness(campaign: Campaign, order: Indices | slice) -> float:
     """Return how far temperatures move from row to row in an order, in K."""
     columns_ = [campaign.conditions[name][order] for name in _readings(campaign)]
     return float(sum(np.nansum(np.abs(np.diff(values[np.isfinite(values)]))) for values in columns_))
+
+
+def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
+    """Yield that a row's session tells no more than the row: so many unknowns, a place for each, tell nothing."""
+    count = len(set(campaign.sessions))
+    if count > 1 and 2 * count > len(campaign):
+        message = f"{count} sessions of {len(campaign)} rows, fewer than two rows each"
+        yield found(campaign, FlagCode.SESSIONS_OF_ROWS, message)
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:

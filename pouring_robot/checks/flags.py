@@ -71,6 +71,11 @@ class FlagCode(enum.StrEnum):
         _WARNING,
         "give the time of each measurement within its session, or name a new session where the clock restarts",
     )
+    SESSIONS_OF_ROWS = (
+        "sessions_of_rows",
+        _WARNING,
+        "they are taken for labels of rows, and all rows for one session; give what was measured in one go one session",
+    )
     NO_NOISE_LEVEL = (
         "no_noise_level",
         _WARNING,

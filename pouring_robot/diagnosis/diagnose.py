@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import DataFlag, usable_without
+from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
 from pouring_robot.diagnosis.problem import Library
@@ -155,6 +155,8 @@ def diagnose(
     progress("checking the data", 0, 0)
     flags = examine(campaign, model.definition.drawing()).flags
     wrong = usable_without(campaign, flags)
+    if any(flag.code is FlagCode.SESSIONS_OF_ROWS for flag in flags):
+        campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
     found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):

@@ -192,6 +192,7 @@ DAMAGES = {
     "too_few_rows": [lambda c: c.subset(range(12)), lambda c: c.subset(range(3)), lambda c: c.subset([0])],
     "one_pose": [lambda c: damaged(c, drives=lambda v: np.repeat(v[:1], len(v), axis=0))],
     "another_robot": [lambda c: dataclasses.replace(c, metadata=c.metadata.model_copy(update={"robot": "other"}))],
+    "sessions_of_rows": [lambda c: dataclasses.replace(c, sessions=c.samples)],
     "ignored_columns": [lambda c: dataclasses.replace(c, ignored_columns=("operator",))],
     "outlier": [
         lambda c: damaged(c, position_m=lambda v: v + np.where(np.arange(len(v)) == 11, 0.015, 0.0)[:, None]),
