@@ -227,13 +227,6 @@ def test_without_time_the_order_stands_for_it(hot, run):
     assert named(figures)[:1] == ["leg_thermal_expansion"]
 
 
-def test_a_session_for_each_row_is_none(hot, run):
-    code, figures, said, _ = run(hot.head(40).changed(lambda k, row: row | {"session": str(k)}))
-    assert code == 0
-    assert "40 sessions of 40 rows" in said.replace("\n ", "")
-    assert not any("session" in entry["sentence"] for entry in figures["where"])
-
-
 def test_positions_only(hot, run):
     code, figures, said, _ = run(hot.without("rx_rad", "ry_rad", "rz_rad"))
     assert code == 0

@@ -1,5 +1,7 @@
 """What goes by a campaign's own sessions, or by the order of its rows: named, and what cannot be foretold is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -42,6 +44,12 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(campaign):
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
     said = "what session_offset is in session d, which is held out, no other session tells"
     assert any(line.startswith(said) for line in note_lines(found))
+
+
+def test_a_session_for_each_row_is_none(campaign):
+    found = diagnose(replace(campaign, sessions=[str(k) for k in range(len(campaign))]), RobotModel.for_robot(ARM))
+    assert found.untestable["session_offset"] == ("session",)
+    assert "60 sessions of 60 rows" in " ".join(map(str, found.flags))
 
 
 def test_held_out_by_region_the_gap_closes(campaign):
