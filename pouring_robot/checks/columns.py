@@ -227,7 +227,7 @@ def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
     """Yield that a row's session tells no more than the row: so many unknowns, a place for each, tell nothing."""
     count = len(set(campaign.sessions))
     if count > 1 and 2 * count > len(campaign):
-        message = f"{count} sessions of {len(campaign)} rows, fewer than two rows each"
+        message = f"{count} sessions in {len(campaign)} rows, fewer than two rows each on average"
         yield found(campaign, FlagCode.SESSIONS_OF_ROWS, message)
 
 

@@ -49,7 +49,15 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(campaign):
 def test_a_session_for_each_row_is_none(campaign):
     found = diagnose(replace(campaign, sessions=[str(k) for k in range(len(campaign))]), RobotModel.for_robot(ARM))
     assert found.untestable["session_offset"] == ("session",)
-    assert "60 sessions of 60 rows" in " ".join(map(str, found.flags))
+    assert "60 sessions in 60 rows" in " ".join(map(str, found.flags))
+
+
+def test_a_start_that_other_rows_cannot_hold_is_none(campaign):
+    """As where a session is left out whole, or the forces of the rows that are left make two forms one."""
+    found = diagnose(campaign, RobotModel.for_robot(ARM))
+    (item,) = found.hypothesis.items
+    gone = replace(found.hypothesis, items=(replace(item, form="of_another_session"),))
+    assert found.diagnoser.found(gone)[1].keys == found.hypothesis.keys
 
 
 def test_held_out_by_region_the_gap_closes(campaign):

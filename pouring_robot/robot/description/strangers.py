@@ -110,7 +110,7 @@ def _refusal(said: str) -> Callable[..., NoReturn]:
     return refuse
 
 
-@functools.lru_cache(maxsize=_LONGEST)  # a robot has the same ones for each of its legs
+@functools.lru_cache(maxsize=1000)  # a robot has the same ones for each of its legs
 def _check(expression: str) -> None:
     """Raise ValueError for an expression by which one could get at more than numbers, words and lists."""
     if len(expression) > _LONGEST:
