@@ -39,9 +39,7 @@ class Library:
             (effect.id, form.name): form
             for effect in chosen.values()
             if not effect.missing(given)
-            for form in _distinct(
-                checked_forms(effect, given, channels), {form for own, form in kept if own == effect.id}
-            )
+            for form in _distinct(effect.id, checked_forms(effect, given, channels), kept)
         }
         effects = all_effects(given.robot)
         kinds = {name: effect.workmanship(given) for name, effect in effects.items()}
@@ -53,7 +51,7 @@ class Library:
         return {(effect, form.name): form for effect, form in self.workmanship.items()} | dict(self.forms)
 
 
-def _distinct(forms: Iterable[Form], kept: Collection[str]) -> Iterator[Form]:
+def _distinct(effect: str, forms: Iterable[Form], kept: Collection[tuple[str, str]]) -> Iterator[Form]:
     """Yield forms without those values of a constant, but for some, that make in these rows what another form makes.
 
     Free play that no force presses is plain play, whatever it would take to press it.
@@ -61,7 +59,7 @@ def _distinct(forms: Iterable[Form], kept: Collection[str]) -> Iterator[Form]:
     known = set[tuple[bytes, ...]]()
     for form in forms:
         key = tuple(change.tobytes() for p in form.parameters if p.main for change in p.changes.values())
-        if not form.one_of or key not in known or form.name in kept:
+        if not form.one_of or key not in known or (effect, form.name) in kept:
             yield form
         known.add(key)
 
