@@ -16,6 +16,7 @@ import numpy as np
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.estimation.instruments import LENGTHS, are, component_name, kinds_of
+from pouring_robot.estimation.splits import KNOWN
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
@@ -24,8 +25,6 @@ from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 FEWEST_VALUES = 50
 """Held-out values from which on one block tells its error to a tenth, and is enough."""
-_KNOWN = 0.1
-"""Share of its information on the frames that the others must have in every direction; else nothing is foretold."""
 
 
 def component_unit(component: int) -> tuple[str, float]:
@@ -146,7 +145,7 @@ def held_out_in_turn(
     masks = [np.isin(linear.row, rows) for rows in blocks]
     free = problem.nuisance.axes
     # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
-    if any(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 < _KNOWN for block in masks):
+    if any(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 < KNOWN for block in masks):
         return None
     given, found, agreed = np.zeros(len(linear.row)), np.zeros(len(linear.row)), 0
     for turn, block in enumerate(masks):

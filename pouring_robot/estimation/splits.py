@@ -1,11 +1,18 @@
-"""Whole blocks held out: one for the test, looked at once at the end; the others validate each other in turn."""
+"""Whole blocks held out: one for the test, looked at once at the end; the others validate each other in turn.
+
+What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside down,
+the others leave target and base open against each other along the vertical. Such a block is not held out.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -15,7 +22,11 @@ HoldOut = Literal["auto", "session", "time", "region"]
 BLOCKS = 5
 WORSE = 1.05
 """A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
+KNOWN = 0.1
+"""Share of the information on the frames that the others must have in every direction; else nothing is foretold: an error
+there would be ten times the variance that the rows together leave."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
+_RESOLUTION = 1e-6  # what shows less than this is told by no data
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +37,7 @@ class Split:
     test: Indices  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
     test_name: str  # the block's name
     folds: tuple[Indices, ...]  # blocks of the other rows; each validates what the others are fitted to
+    frames: FloatArray  # columns of the outer frames in all rows, (n, 6, k); zero where nothing was measured
 
     @property
     def train(self) -> Indices:
@@ -42,17 +54,20 @@ class Split:
         pairs = []
         for k, fold in enumerate(self.folds):
             others = self.folds[:k] if self.kind != "region" else (*self.folds[:k], *self.folds[k + 1 :])
-            if sum(rows.size for rows in others) >= FEWEST_ROWS:
+            if sum(rows.size for rows in others) >= FEWEST_ROWS and foretold(self.frames, np.concatenate(others), fold):
                 pairs.append((np.sort(np.concatenate(others)), fold))
         return tuple(pairs)
 
 
-def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
-    """Split a campaign, but for rows that no fit should use; what was measured plays no part in it.
+def split(campaign: Campaign, left_out: Indices, poses: PoseStack, hold_out: HoldOut = "auto") -> Split:
+    """Split a campaign, but for rows that no fit should use; what was measured plays no part in it, only what was seen.
 
-    The test block is the last one: the last session or stretch of time, or the region whose first row comes last. Of
-    themselves (``auto``) blocks are sessions if there are four or more, the last large enough, else regions. Raises
-    CalibrationError if there are too few rows.
+    The test block is the last session or stretch of time, or, of the regions that the other rows can foretell, the one
+    whose first row comes last. Of themselves (``auto``) blocks are sessions if there are four or more,
+    the last large enough, else regions. ``poses`` are those of the drawing, for every row.
+
+    Raises:
+        CalibrationError: there are too few rows, or each block alone tells where tracker or target stand.
     """
     own_frames = campaign.metadata.own_frames
     if own_frames and hold_out in ("session", "time"):
@@ -61,20 +76,40 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
     kinds: tuple[BlockKind, ...] = (hold_out,) if hold_out != "auto" else ("region",)
     if hold_out == "auto" and len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames:
         kinds = ("session", "region")
-    kept = ~np.isin(np.arange(len(campaign)), left_out)
+    kept, frames = ~np.isin(np.arange(len(campaign)), left_out), _frame_columns(campaign, poses)
     for kind in kinds:
         parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]
         parts = [(name, rows) for name, rows in parts if rows.size]
-        name, test = parts[-1] if parts else ("", np.zeros(0, dtype=np.intp))
-        folds = tuple(rows for _, rows in parts[:-1])
-        train = sum(rows.size for rows in folds)
-        if len(folds) >= 2 and train >= _FEWEST_TRAIN and test.size >= _FEWEST_TEST:
-            return Split(kind, test, name, folds)
+        last = parts[-1][1].size if parts else 0
+        train = sum(rows.size for _, rows in parts[:-1])
+        few = len(parts) < 3 or train < _FEWEST_TRAIN or last < _FEWEST_TEST
+        for k in () if few else range(len(parts) - 1, -1 if kind == "region" else len(parts) - 2, -1):
+            (name, test), folds = parts[k], tuple(rows for _, rows in parts[:k] + parts[k + 1 :])
+            if test.size >= _FEWEST_TEST and foretold(frames, np.concatenate(folds), test):
+                return Split(kind, test, name, folds, frames)
+    other = "" if kind == "region" else ", or choose --hold-out region"
+    if few:
+        raise CalibrationError(
+            f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
+            f"(there are {max(len(parts) - 1, 0)}), and {_FEWEST_TEST} rows to test (there are {last})",
+            f"measure more poses{other}",
+        )
     raise CalibrationError(
-        f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
-        f"(there are {len(folds)}), and {_FEWEST_TEST} rows to test (there are {test.size})",
-        "measure more poses" + ("" if kind == "region" else ", or choose --hold-out region"),
+        f"no block by {kind} can be held out, as it alone tells where tracker and target stand against each other",
+        f"measure each attitude of the target in several places{other}",
     )
+
+
+def foretold(frames: FloatArray, known: Indices, asked: Indices) -> bool:
+    """Return whether some rows tell of the frames, by their columns (n, 6, k), what others need to be foretold.
+
+    In every direction they have a share of :data:`KNOWN` of what both tell: of columns that are orthonormal over both a
+    singular value squared is a share of 1.
+    """
+    columns = frames[np.concatenate([known, asked])].reshape(-1, frames.shape[2])
+    axes, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    told = axes[: known.size * frames.shape[1], sizes > _RESOLUTION * sizes[0]]
+    return bool(np.linalg.svd(told, compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
 
 
 def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Indices]:
@@ -98,6 +133,22 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str
     word, parts = ("stretch", _stretches) if kind == "time" else ("region", _regions)
     found = parts(rows, campaign, count)
     return {f"{word} {i} of {len(found)}": np.sort(part) for i, part in enumerate(found, start=1)}
+
+
+def _frame_columns(campaign: Campaign, poses: PoseStack) -> FloatArray:
+    """Return by how much the frames move what was seen of each row, (n, 6, 12), or (n, 6, 6 + 6 s) of s sessions.
+
+    In the base's axes, the target at the origin of its body: which rows tell of which frame hangs on the poses alone.
+    """
+    known = np.hstack([campaign.position_measured, campaign.rotation_measured]) & poses.complete[:, None]
+    columns = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity()).jacobian(poses)
+    columns = np.where(known[:, :, None], columns, 0.0)
+    if not campaign.metadata.own_frames:
+        return columns
+    sessions = np.unique(campaign.sessions, return_inverse=True)[1]
+    own = np.eye(sessions.max() + 1)[sessions]
+    base = np.einsum("nck,ns->ncsk", columns[:, :, : FRAMES // 2], own)
+    return np.concatenate([base.reshape(*columns.shape[:2], -1), columns[:, :, FRAMES // 2 :]], axis=2)
 
 
 def _stretches(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
