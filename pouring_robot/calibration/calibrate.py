@@ -14,7 +14,6 @@ from pouring_robot.calibration.findings import CalibrationFindings, parameter_li
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
 from pouring_robot.effects.nominal import nominal_rows
@@ -134,8 +133,7 @@ def calibrate(
     progress("checking the data", 0, 0)
     flags = tuple(check_campaign(campaign, model.definition.drawing()))
     left_out = usable_without(campaign, flags)
-    poses = nominal_poses(model.definition.drawing(), campaign.drives)
-    parts = split(campaign, left_out, poses, options.hold_out)
+    parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -210,8 +209,7 @@ class _Work:
                 f"only {inliers.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
-        poses = nominal_poses(self.model.definition.drawing(), self.campaign.drives)[inliers]
-        parts, notes = _held_out(campaign, poses, self.options.hold_out)
+        parts, notes = _held_out(campaign, self.options.hold_out)
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
@@ -333,10 +331,10 @@ def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
     return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
 
 
-def _held_out(campaign: Campaign, poses: PoseStack, kind: HoldOut) -> tuple[Split | None, list[str]]:
+def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
     """Return which rows are held out, None where they are too few for that, and what is to be noted."""
     try:
-        return split(campaign, np.zeros(0, dtype=np.intp), poses, kind), []
+        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
     except CalibrationError as problem:
         if kind != "auto":
             raise

@@ -78,8 +78,10 @@ class Conditions:
     drive_force: FloatArray | None = None
     # what a newton of weight at tool and payload puts there, or would, (n, D), in N/N and Nm/N; None: nobody says where
     force_by_weight: FloatArray | None = None
-    # moment that :attr:`weight_n` puts on each joint of closed loops, by the local parameter that turns it, (n,), in Nm
+    # moment that weight puts on each joint, by the local parameter that turns it, (n,), in Nm: on those of closed loops
+    # :attr:`weight_n` alone, on those of open chains that of the links, too
     joint_moments: Mapping[str, FloatArray] = field(default_factory=dict)
+    slides_m: Mapping[str, FloatArray] = field(default_factory=dict)  # nominal values of sliding joints, (n,), in m
     rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
     travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
     screw_pitch_m: float | None = None  # travel of a sliding drive a turn
@@ -233,11 +235,13 @@ class NominalRows:
     position_m: FloatArray  # origin of the end body in the base, (n, 3)
     rotation: FloatArray  # its axes, (n, 3, 3)
     by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
-    turns: tuple[str, ...]  # T local parameters that turn joints of closed loops
+    turns: tuple[str, ...]  # T local parameters that turn joints
     by_turn: FloatArray  # ∂pose/∂turn in base axes, (n, 6, T)
     up: FloatArray  # direction against gravity in the base, (3,)
     swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
     own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
+    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, or where it is not counted
+    slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
     payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
@@ -282,6 +286,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         drive_force=force,
         force_by_weight=by_weight,
         joint_moments=moments,
+        slides_m=nominal.slides_m,
         rises={name: values - reference for name, values in warm.items() if values is not None},
         travels={name: values for name, values in travels.items() if values is not None},
         screw_pitch_m=facts.screw_pitch_m,
@@ -346,20 +351,22 @@ def _loads(
 ) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray]]:
     """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
 
-    Last, what the weight carried puts on joints of closed loops.
+    Last, what they put on joints, by what turns these.
     """
+    own = {} if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
     tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if place is None:
-        return None, nominal.own_force, None, {}
+        return None, nominal.own_force, None, own
     arm = nominal.rotation @ np.array(place)
     share = by_a_newton(nominal.up, nominal.by_drive, arm)
     if tare is None or payload_kg is None:
-        return None, nominal.own_force, share, {}
+        return None, nominal.own_force, share, own
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    moments = dict(zip(nominal.turns, (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T, strict=True))
+    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T
+    moments = {name: moment + own.get(name, 0.0) for name, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 

@@ -1,7 +1,7 @@
 """What is known of each condition: what to record for it, what to draw over it, how to make it tell effects apart."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,6 +51,12 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     words = causes.words
     load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
     found = {"weight_n": replace(_of_weight(causes, load), word="load")}
+    found["joint_moments"] = Facts(
+        _drawn("mean moment on a joint [Nm]", "joint_moments", _mean_size),
+        sources=("inertias of the links in the URDF",),
+        vary="measure with the arm stretched out and folded, to all sides",
+        by_pose=True,
+    )
     for group, drives in robot.groups.items():
         kind = "mean force on {} [kN]" if drives[0].unit == "m" else "mean moment on {} [kNm]"
         found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
@@ -75,7 +81,7 @@ def facts_of(name: str, robot: RobotDefinition) -> Facts:
     return known_facts(robot).get(name, Facts())
 
 
-def _drawn(label: str, name: str, shown: Callable[[FloatArray], FloatArray] = np.asarray) -> Drawn:
+def _drawn(label: str, name: str, shown: Callable[[Any], FloatArray] = np.asarray) -> Drawn:
     """Return how a condition is drawn: what ``shown`` makes of its values, in the unit of the label."""
 
     def axis(given: Conditions) -> tuple[str, FloatArray | None]:
@@ -83,6 +89,10 @@ def _drawn(label: str, name: str, shown: Callable[[FloatArray], FloatArray] = np
         return label, None if values is None else shown(values)
 
     return axis
+
+
+def _mean_size(moments: Mapping[str, FloatArray]) -> FloatArray:
+    return np.asarray(np.mean([np.abs(moment) for moment in moments.values()], axis=0))
 
 
 def _time(given: Conditions) -> tuple[str, FloatArray | None]:

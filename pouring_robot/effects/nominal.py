@@ -8,7 +8,7 @@ from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
-from pouring_robot.mechanism.weight import own_force, up_in_base
+from pouring_robot.mechanism.weight import own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 
 
@@ -16,11 +16,12 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     """Return what the drawing says of rows that its engine, without errors, closed, all of them."""
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
-    joints = filter(None, engine.structure.site_joints) if mechanism.anchors else ()
+    joints = tuple(filter(None, engine.structure.site_joints))
     turns = [turn for turn in placement_parameters(joints) if turn.unit == "rad"]
     moved = engine.transfer(closure, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
     own = causes_of(robot).own_weight
+    configurations = engine.structure.configurations(closure.joints) if own else closure.joints
     return NominalRows(
         robot,
         closure.position,
@@ -30,7 +31,9 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         moved[:, :, len(drives) :],
         up_in_base(mechanism),
         _swings(mechanism, values, len(closure)),
-        own_force(mechanism, engine.structure.configurations(closure.joints)) if own else None,
+        own_force(mechanism, configurations) if own else None,
+        own_moments(mechanism, configurations, joints) if own and not mechanism.anchors else None,
+        {name: course for name, course in values.items() if name in joints and mechanism.unit_of(name) == "m"},
         mechanism.placement_on_end(robot.payload_frame).translation if own else None,
     )
 

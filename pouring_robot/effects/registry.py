@@ -34,7 +34,7 @@ from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
-from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
+from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.changes import RowChanges
@@ -60,6 +60,7 @@ FAMILIES: dict[str, type[Family]] = {
     "links_growth": LinksGrowth,
     "stretch": Stretch,
     "spring": Spring,
+    "bearing": Bearing,
     "deflection": Deflection,
     "base_drift": BaseDrift,
     "metrology_scale": MetrologyScale,

@@ -18,6 +18,8 @@ HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
 (encoder, gear, transmission) is not asked: an error whose steps around the turn are independent of each other, as
 those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
+_USUAL_MOMENT_NM = 100.0
+"""Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
 Groups = Mapping[str, tuple[Drive, ...]]
@@ -30,7 +32,7 @@ def causes_of(robot: RobotDefinition) -> Causes:
         return robot.causes
     mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
     return Causes(
-        entries=(*_of_drives(robot), *_of_structure(robot)),
+        entries=(*_of_drives(robot), *_bearings(robot, mechanism), *_of_structure(robot)),
         placements=_placements(robot, mechanism),
         thermometers=(ambient, *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
@@ -60,7 +62,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
         if drives[0].unit == "m":
             family, sizes = "stretch", {"load": robot.file.usual_force_n, "length_m": 1.0}
         else:
-            family, sizes = "spring", {"load": robot.file.usual_moment_nm, "strengths": _strengths(robot, drives)}
+            family, sizes = "spring", {"load": _usual_moment(robot), "strengths": _strengths(robot, drives)}
         yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})
 
 
@@ -78,6 +80,48 @@ def _strengths(robot: RobotDefinition, drives: tuple[Drive, ...]) -> tuple[float
     model = robot.mechanism().shared_model
     said = [float(model.upperEffortLimit[model.idx_vs[model.getJointId(drive.joint)]]) for drive in drives]
     return tuple(said) if all(0.0 < limit < np.inf for limit in said) else ()
+
+
+def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
+    """Yield that joints of an open chain tilt; those of loops share their moments in a way that only stiffness tells.
+
+    A bearing is expected to be as soft as its drive; what carries drives, and slides, as the strongest of them.
+    """
+    if mechanism.anchors:
+        return
+    turning = tuple(drive for drive in robot.drives if drive.unit == "rad")
+    strong = dict(zip((drive.joint for drive in turning), _strengths(robot, turning), strict=False))
+    middle = np.exp(np.log(list(strong.values())).mean()) if strong else 1.0
+    axes = {joint: _axis(mechanism, joint) for joint in filter(None, engine_for(mechanism).structure.site_joints)}
+    slides = {joint for joint in axes if mechanism.unit_of(joint) == "m"}
+    tilts = {
+        joint: "".join(n for n, share in zip("xyz", np.abs(axis), strict=True) if joint in slides or share < _ALONG)
+        for joint, axis in axes.items()
+        if axis.any()
+    }
+    sizes = {joint: float(middle / strong.get(joint, max(strong.values(), default=1.0))) for joint in tilts}
+    limits = mechanism.joint_limits()
+    ends = {joint: limits.get(joint, (-1.0, 1.0)) for joint in slides}
+    strokes = {
+        j: (0.5 * (a + b), 0.5 * (b - a)) if np.isfinite(b - a) and b > a else (0.0, 1.0) for j, (a, b) in ends.items()
+    }
+    story = "bearings and links give way: joints tilt under the moment of what they carry"
+    options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
+    yield CauseEntry("joint_compliance", "bearing", story, options)
+
+
+def _usual_moment(robot: RobotDefinition) -> float:
+    """Return the moment at which compliance is given, in Nm: what turning drives are made for, if the URDF says it.
+
+    Gears and bearings of like shape at like stress give way by like angles, so that a small robot's are as far from
+    their drawing at its own load as a large one's. The geometric mean, as a round number.
+    """
+    if robot.file.usual_moment_nm is not None:
+        return robot.file.usual_moment_nm
+    said = _strengths(robot, tuple(drive for drive in robot.drives if drive.unit == "rad"))
+    decades = np.log10(said).mean() if said else np.log10(_USUAL_MOMENT_NM)
+    round_ones = np.log10([1.0, 2.0, 5.0, 10.0]) + np.floor(decades)
+    return float(f"{10.0 ** round_ones[np.argmin(np.abs(round_ones - decades))]:.1g}")
 
 
 def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:

@@ -4,6 +4,7 @@ What a block alone tells of the outer frames the other rows cannot foretell: if 
 the others leave target and base open against each other along the vertical. Such a block is not held out.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
@@ -59,12 +60,12 @@ class Split:
         return tuple(pairs)
 
 
-def split(campaign: Campaign, left_out: Indices, poses: PoseStack, hold_out: HoldOut = "auto") -> Split:
+def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
     """Split a campaign, but for rows that no fit should use; what was measured plays no part in it, only what was seen.
 
     The test block is the last session or stretch of time, or, of the regions that the other rows can foretell, the one
-    whose first row comes last. Of themselves (``auto``) blocks are sessions if there are four or more,
-    the last large enough, else regions. ``poses`` are those of the drawing, for every row.
+    whose first row comes last. Of themselves (``auto``) blocks are sessions if there are four or more, the last large
+    enough, else regions.
 
     Raises:
         CalibrationError: there are too few rows, or each block alone tells where tracker or target stand.
@@ -76,10 +77,9 @@ def split(campaign: Campaign, left_out: Indices, poses: PoseStack, hold_out: Hol
     kinds: tuple[BlockKind, ...] = (hold_out,) if hold_out != "auto" else ("region",)
     if hold_out == "auto" and len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames:
         kinds = ("session", "region")
-    kept, frames = ~np.isin(np.arange(len(campaign)), left_out), _frame_columns(campaign, poses)
+    frames = _frame_columns(campaign)
     for kind in kinds:
-        parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]
-        parts = [(name, rows) for name, rows in parts if rows.size]
+        parts = list(blocks(campaign, kind, left_out=left_out).items())
         last = parts[-1][1].size if parts else 0
         train = sum(rows.size for _, rows in parts[:-1])
         few = len(parts) < 3 or train < _FEWEST_TRAIN or last < _FEWEST_TEST
@@ -112,8 +112,10 @@ def foretold(frames: FloatArray, known: Indices, asked: Indices) -> bool:
     return bool(np.linalg.svd(told, compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
 
 
-def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Indices]:
-    """Return whole blocks of rows, ascending, by name: every usable row is in exactly one.
+def blocks(
+    campaign: Campaign, kind: BlockKind, count: int = BLOCKS, left_out: Indices | Sequence[int] = ()
+) -> dict[str, Indices]:
+    """Return whole blocks of rows, ascending, by name: every usable row that is not left out is in exactly one.
 
     Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
     sessions, up to ``count`` stretches of equal length in order of time (of rows where no time is known), or as many
@@ -122,7 +124,7 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str
     """
     if count < 2:
         raise BadInputError(f"a split needs at least 2 blocks, not {count}")
-    rows = np.flatnonzero(campaign.usable)
+    rows = np.setdiff1d(np.flatnonzero(campaign.usable), left_out)
     if kind == "session":
         own = np.array(campaign.sessions)[rows]
         return {f"session {name}": rows[own == name] for name in dict.fromkeys(own.tolist())}
@@ -135,11 +137,13 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str
     return {f"{word} {i} of {len(found)}": np.sort(part) for i, part in enumerate(found, start=1)}
 
 
-def _frame_columns(campaign: Campaign, poses: PoseStack) -> FloatArray:
+def _frame_columns(campaign: Campaign) -> FloatArray:
     """Return by how much the frames move what was seen of each row, (n, 6, 12), or (n, 6, 6 + 6 s) of s sessions.
 
-    In the base's axes, the target at the origin of its body: which rows tell of which frame hangs on the poses alone.
+    By the drawing, in the base's axes, the target at the origin of its body: which rows tell of which frame hangs on
+    the poses alone.
     """
+    poses = nominal_poses(campaign.robot.drawing(), campaign.drives)
     known = np.hstack([campaign.position_measured, campaign.rotation_measured]) & poses.complete[:, None]
     columns = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity()).jacobian(poses)
     columns = np.where(known[:, :, None], columns, 0.0)

@@ -102,9 +102,10 @@ class JointReach:
 def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
     """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
 
-    Joints without limits, locked ones and those that cannot move are left out.
+    Joints without limits, locked ones, what follows these, and those that cannot move are left out.
     """
-    limits, locked = mechanism.joint_limits(), mechanism.loops.locked_joints
+    limits, locked = mechanism.joint_limits(), {*mechanism.loops.locked_joints}
+    locked |= {mimic.joint for mimic in mechanism.mimics if mimic.leader in locked}
     moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
     reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
     return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))

@@ -1,4 +1,9 @@
-"""What weight puts on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q."""
+"""What weight puts on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q.
+
+And what it puts on the joints of an open chain, across their axes too: the moment of all that a joint carries.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -48,3 +53,21 @@ def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> Fl
             at = near
         found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, at)
     return found
+
+
+def own_moments(mechanism: ClosedChainMechanism, configurations: FloatArray, joints: Sequence[str]) -> FloatArray:
+    """Return the moment of the links' own weight on joints of open chains, (n, 3 J), in Nm, at configurations (n, nq).
+
+    That of all links behind a joint, about the origin and the axes of its placement, x, y and z joint by joint.
+    """
+    model = mechanism.shared_model
+    data, gravity = model.createData(), model.gravity.linear
+    numbers = [model.getJointId(name) for name in joints]
+    found = np.empty((len(configurations), len(joints), 3))
+    for row, at in enumerate(configurations):
+        pin.centerOfMass(model, data, at, True)
+        for k, joint in enumerate(numbers):
+            placement = data.oMi[model.parents[joint]] * model.jointPlacements[joint]
+            arm = data.oMi[joint].act(data.com[joint]) - placement.translation
+            found[row, k] = placement.rotation.T @ np.cross(arm, data.mass[joint] * gravity)
+    return found.reshape(len(configurations), -1)

@@ -43,6 +43,7 @@ IDS = {
     "metrology_scale": {"metrology_scale"},
     "thermal": {"link_thermal_expansion"},
     "compliance": {"drive_compliance"},
+    "soft_joints": {"joint_compliance"},
     "session_offset": {"session_offset"},
 }
 """What the library calls the effects, without the group of drives."""

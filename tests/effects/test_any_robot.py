@@ -20,6 +20,7 @@ from pouring_robot.exceptions import MissingConditionsError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
+from tests.examples import arm
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
 from tests.support import ROOT
@@ -30,7 +31,7 @@ EVERY = ("joint_placement", "link_thermal_expansion", "base_drift", "metrology_s
 SLIDING = ("drive_zero_offset", "drive_scale", "drive_periodic", "drive_backlash", "drive_compliance")
 TURNING = ("drive_zero_offset", "joint_periodic", "drive_backlash", "drive_compliance")
 IDS = {
-    "arm": TURNING + EVERY,
+    "arm": (*TURNING, "joint_compliance", *EVERY),
     "delta": TURNING + EVERY,
     "five_bar": TURNING + EVERY,
     "hexapod": SLIDING + EVERY,
@@ -89,6 +90,30 @@ def test_drives_that_stand_upright_yield_under_no_weight(rows):
     told_nothing = replace(rows.campaign, conditions={})
     again = CampaignRows(told_nothing, rows.model, NOISE).conditions
     assert effect.acts(replace(again, drive_force=None)) == effect.acts(given)
+
+
+def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
+    """Against virtual turns of every joint of the examiner's chain, whose links are its own; of loops no joint tilts."""
+    given, effect = rows.conditions, all_effects(rows.conditions.robot).get("joint_compliance")
+    assert (effect is not None) == (given.robot.name == "arm")
+    if effect is None:
+        return
+    expected = arm.moments(given.drives, rows.campaign.conditions["payload"])
+    size = np.abs(expected).max()
+    for k, tilted in enumerate(expected.transpose(1, 2, 0)):
+        for axis, moment in zip("xyz", tilted, strict=True):
+            if not arm.AXES[k]["xyz".index(axis)]:
+                found = given.joint_moments[f"joint{k + 1}.r{axis}"]
+                np.testing.assert_allclose(found, moment, rtol=0, atol=1e-8 * size)  # theirs is a difference quotient
+    form = effect.form("all", given)
+    carried = np.abs(expected).max(axis=0) > 1e-6 * size  # the second stands upright wherever the first is turned
+    assert {name for p in form.parameters for name in p.changes} == {
+        f"joint{k + 1}.r{'xyz'[axis]}" for k, axis in np.argwhere(carried)
+    }
+    alone = effect.form("joint2_alone", given).parameters
+    (yielding,) = (p for p in alone if "joint2.rx" in p.changes)
+    assert yielding.unit == "mrad at 100 Nm"
+    np.testing.assert_allclose(yielding.changes["joint2.rx"], 1e-5 * given.joint_moments["joint2.rx"], rtol=1e-12)
 
 
 def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):

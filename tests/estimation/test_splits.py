@@ -1,13 +1,16 @@
-"""Held-out blocks: whole ones, the test block apart, and what was measured plays no part."""
+"""Held-out blocks: whole ones that the others can foretell, the test block apart; what was measured plays no part."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.splits import blocks, split
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.splits import blocks, foretold, split
 from pouring_robot.exceptions import BadInputError, CalibrationError
-from tests.campaign.simulated import damaged
+from pouring_robot.robot.description.definition import RobotDefinition
+from tests.campaign.simulated import damaged, write_text
+from tests.support import gantry_file
 
 NONE = np.zeros(0, dtype=np.intp)
 
@@ -74,3 +77,53 @@ def test_repeats_of_a_pose_stay_in_one_region(real):
     twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
     for rows in blocks(twice, "region", 6).values():
         assert {int(row) % 40 for row in rows} == {int(row) for row in rows if row < 40}
+
+
+def turned_over(folder, over):
+    """Write and read positions of a tool on a gantry whose last head turns it over in some rows, a mask (60,)."""
+    robot = gantry_file(folder)
+    urdf = (folder / "gantry.urdf").read_text(encoding="utf-8").removesuffix("</robot>")
+    head = '<link name="tool"/><joint name="head" type="continuous"><parent link="z"/><child link="tool"/>'
+    (folder / "gantry.urdf").write_text(f'{urdf}{head}<axis xyz="1 0 0"/></joint></robot>', encoding="utf-8")
+    text = robot.read_text(encoding="utf-8").replace("end_frame: z\n", "end_frame: tool\n")
+    robot.write_text(text.replace("}]", "}, {joint: head}]"), encoding="utf-8")
+    slides = np.random.default_rng(1).uniform(0.0, [1.8, 1.5, 0.8], size=(60, 3))
+    slides[over] = [1.9, 1.4, 0.7] + 0.1 * slides[over]  # in one corner
+    places = slides + np.where(over[:, None], [0.0, 0.0, -0.1], [0.0, 0.0, 0.1])
+    rows = np.column_stack([slides, np.pi * over, places]).tolist()
+    header = "x_slide_m,y_slide_m,z_slide_m,head_rad,x_m,y_m,z_m"
+    table = write_text(folder, header, [",".join(map(repr, row)) for row in rows])
+    return Campaign.read(table, RobotDefinition.load(robot))
+
+
+def test_a_block_that_alone_tells_where_tracker_and_target_stand_is_not_held_out(tmp_path):
+    over = np.arange(60) >= 52
+    campaign = turned_over(tmp_path, over)
+    alone = [name for name, rows in blocks(campaign, "region").items() if over[rows].any()]
+    assert alone == ["region 5 of 5"]  # the one that would come last
+    parts = split(campaign, NONE)
+    assert (parts.test_name, over[parts.test].any()) == ("region 4 of 5", False)
+    assert len(parts.folds) == 4
+    assert len(parts.validations) == 3  # those rows judge nothing either
+    assert not any(over[judged].any() for _, judged in parts.validations)
+    with pytest.raises(CalibrationError, match="no block by time can be held out, as it alone tells"):
+        split(campaign, NONE, "time")
+
+
+def test_what_no_row_tells_of_the_frames_forbids_nothing(tmp_path):
+    """Base and tool of a gantry that never turns trade places, in whatever rows."""
+    assert split(turned_over(tmp_path, np.zeros(60, dtype=bool)), NONE).test_name == "region 5 of 5"
+
+
+@pytest.mark.parametrize("where", [slice(0, 20), slice(40, 60)])
+def test_sessions_with_frames_of_their_own_are_known_one_by_one(clean, where):
+    """All rows of one session held out would say nothing of where it was measured from."""
+    sessions = np.full(60, "a")
+    sessions[where] = "b"
+    metadata = clean.campaign.metadata.model_copy(update={"frames": "per session"})
+    campaign = dataclasses.replace(clean.campaign, sessions=tuple(sessions.tolist()), metadata=metadata)
+    frames = split(campaign, NONE).frames
+    own = np.arange(60)[where]
+    assert frames.shape == (60, 6, 18)
+    assert not foretold(frames, np.setdiff1d(np.arange(60), own), own)
+    assert foretold(frames, np.arange(0, 60, 2), np.arange(1, 60, 2))

@@ -40,10 +40,11 @@ def _frames(drives: Array, origin: Array | float, tilt: Array | float) -> Iterat
     """Yield position (n, 3) and rotation (n, 3, 3) behind each joint."""
     position, rotation = np.zeros((len(drives), 3)), np.tile(np.eye(3), (len(drives), 1, 1))
     places = np.broadcast_to(ORIGINS + origin, (len(drives), 6, 3))
-    turns = Rotation.from_rotvec(np.zeros((6, 3)) + tilt).as_matrix()
+    tilts = np.zeros((len(drives), 6, 3)) + tilt
+    turns = Rotation.from_rotvec(tilts.reshape(-1, 3)).as_matrix().reshape(-1, 6, 3, 3)
     for k, axis in enumerate(AXES):
         position = position + np.einsum("nij,nj->ni", rotation, places[:, k])
-        rotation = rotation @ turns[k] @ Rotation.from_rotvec(drives[:, k, None] * axis).as_matrix()
+        rotation = rotation @ turns[:, k] @ Rotation.from_rotvec(drives[:, k, None] * axis).as_matrix()
         yield position, rotation
 
 
@@ -53,7 +54,7 @@ def forward(drives: Array, origin: Array | float = 0.0, tilt: Array | float = 0.
     Args:
         drives: joint angles.
         origin: by how much the joints are displaced, in the joint before, shape (6, 3) or (n, 6, 3).
-        tilt: rotation vector by which a joint's frame is turned, shape (6, 3).
+        tilt: rotation vector by which a joint's frame is turned, shape (6, 3) or (n, 6, 3).
     """
     *_, flange = _frames(drives, origin, tilt)
     return flange
@@ -61,13 +62,21 @@ def forward(drives: Array, origin: Array | float = 0.0, tilt: Array | float = 0.
 
 def weight(drives: Array, payload: Array) -> Array:
     """Return the torque of gravity on each joint, shape (n, 6), in Nm, with a payload (n,) in kg at the flange."""
+    return -slope(lambda angles: _height_kg(angles, 0.0, payload), drives)
 
-    def height_kg(angles: Array) -> Array:
-        frames = list(_frames(angles, 0.0, 0.0))
-        own = sum(m * (p + R @ c)[:, 2] for m, c, (p, R) in zip(MASSES, CENTRES, frames, strict=True))
-        return np.asarray(own + payload * frames[-1][0][:, 2])
 
-    return -slope(height_kg, drives)
+def moments(drives: Array, payload: Array) -> Array:
+    """Return the torque of gravity on each joint across its axis, shape (n, 6, 3), in Nm; see :func:`weight`."""
+    still = np.zeros((len(drives), 18))
+    found = -slope(lambda turned: _height_kg(drives, turned.reshape(-1, 6, 3), payload), still)
+    return found.reshape(-1, 6, 3) * (1 - AXES)
+
+
+def _height_kg(drives: Array, tilt: Array | float, payload: Array) -> Array:
+    """Return the height of every part and of the payload times its mass, together, (n,)."""
+    frames = list(_frames(drives, 0.0, tilt))
+    own = sum(m * (p + R @ c)[:, 2] for m, c, (p, R) in zip(MASSES, CENTRES, frames, strict=True))
+    return np.asarray(own + payload * frames[-1][0][:, 2])
 
 
 def inverse(position: Array, rotation: Array) -> Array:

@@ -122,6 +122,16 @@ def compliance(machine: Machine, scene: Scene, random: np.random.Generator) -> H
     return Hidden(drive=softness * force, told=_per_drive(machine, f"{machine.unit}_per_N", softness))
 
 
+def soft_joints(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
+    """Each joint tilts across its axis with the moment that weight puts there: by the size at a usual one of its own."""
+    if machine.moments is None:
+        raise ValueError(f"the chains of the {machine.name} are closed")
+    across = machine.moments(scene.drives, scene.payload)
+    softness = random.uniform(0.6, 1.4, size=across.shape[1:]) / np.sqrt(np.mean(across**2))
+    told = {f"rad_per_Nm_{c}": float(s.mean()) for c, s in zip(machine.columns, softness, strict=True)}
+    return Hidden(geometry={"tilt": softness * across}, told=told)
+
+
 def session_offset(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
     """The tracker is set up anew each session, and nobody says so: the base seems to stand elsewhere."""
     twists = np.stack([_twist(random) for _ in range(int(scene.session.max()))])
@@ -167,6 +177,7 @@ EFFECTS: dict[str, Effect] = {
     "metrology_scale": metrology_scale,
     "thermal": thermal,
     "compliance": compliance,
+    "soft_joints": soft_joints,
     "session_offset": session_offset,
 }
 """What can be hidden, by name."""
@@ -181,13 +192,18 @@ LARGEST = {
     "metrology_scale": 1e-3,
     "thermal": 2.6e-5,
     "compliance": 2e-3,
+    "soft_joints": 2e-3,
     "session_offset": 3e-3,
 }
 """Sizes beyond which no machine is let out of the workshop, in m, rad, as a share, or a K."""
 
 
 def effects_of(machine: Machine) -> tuple[str, ...]:
-    """Return the effects that make sense for a machine: what slides has a scale, what gravity moves yields."""
+    """Return the effects that make sense for a machine: what slides has a scale, what gravity moves yields.
+
+    What it does to the joints of closed chains hangs on how stiff all are.
+    """
     without = {"scale"} if machine.unit != "m" else set()
     without |= {"compliance"} if machine.weight is None else set()
+    without |= {"soft_joints"} if machine.moments is None else set()
     return tuple(name for name in EFFECTS if name not in without)

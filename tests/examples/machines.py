@@ -48,6 +48,7 @@ class Machine:
         links: parts with a thermometer, by the name of the URDF's link.
         payloads: masses (kg) that it carries in turn; none for one that gravity does not move.
         weight: force or torque of gravity on each drive, (n, drives), for drive values and payload (n,).
+        moments: likewise across the axis of each joint of an open chain, (n, drives, 3).
     """
 
     name: str
@@ -61,6 +62,7 @@ class Machine:
     links: Mapping[str, Link]
     payloads: tuple[float, ...] = ()
     weight: Callable[[Array, Array], Array] | None = None
+    moments: Callable[[Array, Array], Array] | None = None
 
 
 def _numbered(name: str, argument: str, lengths: Array) -> dict[str, Link]:
@@ -129,6 +131,7 @@ MACHINES = {
             },
             (0.0, 5.0, 10.0),
             arm.weight,
+            arm.moments,
         ),
     )
 }

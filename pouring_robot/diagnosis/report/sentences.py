@@ -131,9 +131,11 @@ def _in_turn_text(diagnosis: Conclusions) -> str:
     if found is None:
         return ""
     before, after = (found.gap.position(which) / MM for which in ("before", "after"))
+    turn, left_turn = (found.gap.rotation(which) / MRAD for which in ("before", "after"))
+    turned = f"; {turn:.3f} mrad before, {left_turn:.3f} mrad after" if math.isfinite(turn) else ""
     return (
         f" One block of so few rows tells little: with each of {found.blocks} held out in turn {before:.3f} mm before, "
-        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error), and the same names in {found.agreed}."
+        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error){turned}, and the same names in {found.agreed}."
     )
 
 

@@ -1,7 +1,7 @@
-"""Families of effects of weight: sliding drives stretch, turning drives yield, a beam sinks and rolls."""
+"""Families of effects of weight: sliding drives stretch, turning drives yield, joints tilt, a beam sinks and rolls."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +106,52 @@ class Spring(_Yielding):
                     shape.append(EffectParameter(f"{name}{word}", unit, _LATER * size, changes, main=False))
             found.append(Form(form, (*main, *shape)))
         return tuple(found)
+
+
+@dataclass(eq=False, kw_only=True)
+class Bearing(Family):
+    """Joints of an open chain tilt under the moment of what they carry: their bearings and the links that hold them.
+
+    A sliding joint is a beam that is drawn out: how far it tilts hangs on how far it is out, too.
+    """
+
+    load: float  # moment at which tilts are given, in Nm
+    tilts: Mapping[str, str]  # joint → axes of its placement about which it may tilt
+    sizes: Mapping[str, float]  # joint → how soft it is expected to be beside the others
+    strokes: Mapping[str, tuple[float, float]]  # sliding joint → middle and half of its stroke, in m
+    driven_by = "joint_moments"
+    shaped_by = ("weight_n",)
+
+    def acts(self, conditions: Conditions) -> bool:
+        """Where what the joints carry has a moment, to what a drawing rounds off."""
+        sizes = (np.abs(moment).max(initial=0.0) for moment in conditions.joint_moments.values())
+        return max(sizes, default=0.0) > _LEAST * self.load
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """All joints, or one of them."""
+        by_joint = {joint: tuple(self._of_joint(joint, conditions)) for joint in self.tilts}
+        alone = {f"{joint}_alone": found for joint, found in by_joint.items() if len(by_joint) > 1 and found}
+        every = tuple(p for found in by_joint.values() for p in found)
+        return tuple(Form(name, found) for name, found in {"all": every, **alone}.items())
+
+    def _of_joint(self, joint: str, conditions: Conditions) -> Iterator[EffectParameter]:
+        """Yield its tilts; one about an axis that nothing turns it about is none.
+
+        How much further a slide tilts the further it is out makes the effect as much as that it tilts at all: a beam
+        that stands free for twice the length leans several times as far.
+        """
+        unit, size = f"mrad {_at(self.load, 'Nm')}", self.sizes[joint]
+        for axis in self.tilts[joint]:
+            name, where = f"{joint}.yield_{axis}", f"{joint}.r{axis}"
+            moment = conditions.joint_moments[where] / self.load
+            if np.abs(moment).max() <= _LEAST:
+                continue
+            yield EffectParameter(name, unit, size, {where: MRAD * moment}, bounds=(0.0, np.inf))
+            if joint in self.strokes:
+                middle, half = self.strokes[joint]
+                out = (conditions.slides_m[joint] - middle) / half
+                for word, share, course in (("by_stroke", 1.0, out), ("by_stroke_squared", 0.5, out**2)):
+                    yield EffectParameter(f"{name}_{word}", unit, share * size, {where: MRAD * moment * course})
 
 
 @dataclass(eq=False, kw_only=True)

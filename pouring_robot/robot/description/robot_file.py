@@ -68,7 +68,7 @@ class RobotFile(StrictModel):
     tolerances: str | None = None  # a tolerances file of this robot's own
     # force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one
     usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
-    usual_moment_nm: float = pydantic.Field(default=100.0, gt=0.0)
+    usual_moment_nm: float | None = pydantic.Field(default=None, gt=0.0)  # by default what the drives are made for
     payload_frame: str | None = None  # where a payload hangs
     travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure either
     # joint values (m, rad) near which the robot closes; by default all zero

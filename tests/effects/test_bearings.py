@@ -1,0 +1,81 @@
+"""Joints that tilt under what they carry: a mast that is drawn out by a joint of a branch of its own."""
+
+import numpy as np
+import pytest
+
+from pouring_robot import diagnose
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.robot.model import RobotModel
+from tests.campaign.simulated import write_text
+
+GRAVITY = 9.80665
+MAST_KG, ARM_KG, SHIFT, REACH = 20.0, 8.0, 0.1, 0.6
+URDF = f"""<robot name="mast">
+  <link name="ground"/><link name="height"/><link name="mast"><inertial><origin xyz="{SHIFT} 0 0.5"/>
+    <mass value="{MAST_KG}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="{REACH} 0 0"/><mass value="{ARM_KG}"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tool0"/>
+  <joint name="lift" type="prismatic"><parent link="ground"/><child link="height"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="rise" type="prismatic"><parent link="ground"/><child link="mast"/><axis xyz="0 0 1"/>
+    <limit lower="0.2" upper="1.2" effort="1" velocity="1"/><mimic joint="lift" multiplier="0.5" offset="0.2"/></joint>
+  <joint name="pan" type="continuous"><parent link="mast"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+  <joint name="mount" type="fixed"><parent link="arm"/><child link="tool0"/><origin xyz="1.2 0 0.1"/></joint>
+</robot>"""
+ROBOT = (
+    "format: pouring_robot/robot/1\nname: mast\nurdf: mast.urdf\nbase_frame: ground\nend_frame: tool0\n"
+    "drives: [{joint: lift}, {joint: pan}]\n"
+)
+ROWS, SOFT = 60, 2e-5  # rad/Nm of the slide where it is half out, and as much again where it is wholly out
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Poses of the mast, tilted by hand at the foot of its slide."""
+    folder, rng = tmp_path_factory.mktemp("mast"), np.random.default_rng(7)
+    (folder / "mast.urdf").write_text(URDF, encoding="utf-8")
+    (folder / "robot.yaml").write_text(ROBOT, encoding="utf-8")
+    lift, pan = rng.uniform(0.0, 2.0, ROWS), rng.uniform(-3.0, 3.0, ROWS)
+    out = np.column_stack([np.cos(pan), np.sin(pan)])
+    at = SHIFT * MAST_KG * np.array([1.0, 0.0]) + REACH * ARM_KG * out  # mass times place, in kg m
+    soft = SOFT * (1.0 + (lift - 1.0))
+    tilt = (soft * GRAVITY)[:, None] * np.column_stack([-at[:, 1], at[:, 0]])  # r x (-m g z)
+    place = np.column_stack([1.2 * out, 0.5 * lift + 0.3])
+    seen = place + np.cross(np.column_stack([tilt, np.zeros(ROWS)]), place) + 5e-5 * rng.normal(size=(ROWS, 3))
+    rows = [",".join(map(repr, row)) for row in np.column_stack([lift, pan, seen]).tolist()]
+    metadata = "metrology: {sigma_position_mm: 0.05}\n"
+    table = write_text(folder, "lift_m,pan_rad,x_m,y_m,z_m", rows, metadata)
+    return Campaign.read(table, RobotModel.for_robot(folder / "robot.yaml").definition)
+
+
+def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
+    rows = CampaignRows(campaign, RobotModel.for_robot(campaign.robot.path), NoiseLevel.stated(5e-5, None))
+    given = rows.conditions
+    np.testing.assert_allclose(given.slides_m["rise"], 0.5 * campaign.drives[:, 0] + 0.2, rtol=0, atol=1e-12)
+    pan = campaign.drives[:, 1]
+    about_y = GRAVITY * (SHIFT * MAST_KG + REACH * ARM_KG * np.cos(pan))
+    np.testing.assert_allclose(given.joint_moments["rise.ry"], about_y, rtol=1e-9)
+    effect = all_effects(campaign.robot)["joint_compliance"]
+    parameters = {p.name: p for p in effect.form("rise_alone", given).parameters}
+    assert {name[:12] for name in parameters} == {
+        "rise.yield_x",
+        "rise.yield_y",
+    }  # nothing twists it about the vertical
+    out = (given.slides_m["rise"] - 0.7) / 0.5
+    for power, word in enumerate(("", "_by_stroke", "_by_stroke_squared")):
+        change = parameters[f"rise.yield_y{word}"].changes["rise.ry"]
+        np.testing.assert_allclose(change, 1e-3 * out**power * about_y / effect.load, rtol=1e-9)
+
+
+def test_a_mast_that_leans_is_named(campaign):
+    found = diagnose(campaign, RobotModel.for_robot(campaign.robot.path))
+    assert [effect.cause.effect for effect in found.firm] == ["joint_compliance"]
+    assert found.held_out.position("after") < 1.2 * found.held_out.position("floor")
+    values = {name.partition(" ")[0]: p for e in found.firm for name, p in found.parameters_of(e)}
+    load = all_effects(campaign.robot)["joint_compliance"].load
+    for axis in "xy":
+        soft = values[f"rise.yield_{axis}"]
+        assert abs(soft.value - 1e3 * SOFT * load) < 4.0 * soft.std
