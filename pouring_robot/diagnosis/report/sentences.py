@@ -135,7 +135,8 @@ def _in_turn_text(diagnosis: Conclusions) -> str:
     turned = f"; {turn:.3f} mrad before, {left_turn:.3f} mrad after" if math.isfinite(turn) else ""
     return (
         f" One block of so few rows tells little: with each of {found.blocks} held out in turn {before:.3f} mm before, "
-        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error){turned}, and the same names in {found.agreed}."
+        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error){turned}, and the same names in "
+        f"{found.agreed}."
     )
 
 
