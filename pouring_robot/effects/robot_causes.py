@@ -22,6 +22,8 @@ _USUAL_MOMENT_NM = 100.0
 """Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
+_NO_LIMITS_M = (-1.0, 1.0)
+"""Taken for the stroke of a slide of which the URDF says none."""
 Groups = Mapping[str, tuple[Drive, ...]]
 
 
@@ -100,11 +102,8 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
         if axis.any()
     }
     sizes = {joint: float(middle / strong.get(joint, max(strong.values(), default=1.0))) for joint in tilts}
-    limits = mechanism.joint_limits()
-    ends = {joint: limits.get(joint, (-1.0, 1.0)) for joint in slides}
-    strokes = {
-        j: (0.5 * (a + b), 0.5 * (b - a)) if np.isfinite(b - a) and b > a else (0.0, 1.0) for j, (a, b) in ends.items()
-    }
+    ends = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in slides}
+    strokes = {joint: (0.5 * (first + last), 0.5 * (last - first)) for joint, (first, last) in ends.items()}
     story = "bearings and links give way: joints tilt under the moment of what they carry"
     options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
     yield CauseEntry("joint_compliance", "bearing", story, options)

@@ -1,7 +1,7 @@
 """Whole blocks held out: one for the test, looked at once at the end; the others validate each other in turn.
 
-What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside down,
-the others leave target and base open against each other along the vertical. Such a block is not held out.
+What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside
+down, the others leave target and base open against each other along the vertical. Such a block is not held out.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ BLOCKS = 5
 WORSE = 1.05
 """A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
 KNOWN = 0.1
-"""Share of the information on the frames that the others must have in every direction; else nothing is foretold: an error
-there would be ten times the variance that the rows together leave."""
+"""Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
+they leave open there would have ten times the variance that all rows leave."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 _RESOLUTION = 1e-6  # what shows less than this is told by no data
 

@@ -93,7 +93,7 @@ def test_drives_that_stand_upright_yield_under_no_weight(rows):
 
 
 def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
-    """Against virtual turns of every joint of the examiner's chain, whose links are its own; of loops no joint tilts."""
+    """Against virtual turns of each joint of the examiner's chain, whose links are its own; of loops no joint tilts."""
     given, effect = rows.conditions, all_effects(rows.conditions.robot).get("joint_compliance")
     assert (effect is not None) == (given.robot.name == "arm")
     if effect is None:

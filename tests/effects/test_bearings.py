@@ -63,7 +63,7 @@ def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
     assert {name[:12] for name in parameters} == {
         "rise.yield_x",
         "rise.yield_y",
-    }  # nothing twists it about the vertical
+    }  # about z nothing twists it
     out = (given.slides_m["rise"] - 0.7) / 0.5
     for power, word in enumerate(("", "_by_stroke", "_by_stroke_squared")):
         change = parameters[f"rise.yield_y{word}"].changes["rise.ry"]

@@ -123,7 +123,7 @@ def compliance(machine: Machine, scene: Scene, random: np.random.Generator) -> H
 
 
 def soft_joints(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
-    """Each joint tilts across its axis with the moment that weight puts there: by the size at a usual one of its own."""
+    """Each joint tilts across its axis with the moment that weight puts there: by the size at the mean of all."""
     if machine.moments is None:
         raise ValueError(f"the chains of the {machine.name} are closed")
     across = machine.moments(scene.drives, scene.payload)

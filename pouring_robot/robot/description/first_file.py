@@ -127,7 +127,7 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         raise DescriptionError(urdf, "no joint of it moves a link at the end of the tree")
     end, *others = ends
     path = tree.moving(end)
-    # What follows another joint is driven by that one, wherever it is itself: a telescope's is often a branch of its own.
+    # What follows another joint is driven by that one, wherever it is: a telescope's is often a branch of its own.
     mimics = {n: str(mimic.get("joint")) for n, j in tree.joints.items() if (mimic := j.find("mimic")) is not None}
     led = dict.fromkeys(mimics.get(name, name) for name in path)
     drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in _DRIVABLE]
