@@ -102,7 +102,8 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
         if axis.any()
     }
     sizes = {joint: float(middle / strong.get(joint, max(strong.values(), default=1.0))) for joint in tilts}
-    ends = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in slides}
+    said = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in slides}
+    ends = {joint: pair if pair[0] < pair[1] else _NO_LIMITS_M for joint, pair in said.items()}
     strokes = {joint: (0.5 * (first + last), 0.5 * (last - first)) for joint, (first, last) in ends.items()}
     story = "bearings and links give way: joints tilt under the moment of what they carry"
     options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
