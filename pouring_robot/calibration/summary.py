@@ -27,6 +27,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.location_figures import without_nan
 
 Figures = dict[str, Any]
+_BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 
 def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
@@ -63,6 +64,12 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
         found.append(
             "the heat section of the model took no part, it stays in the file as it was: right if the robot was cold "
             "when it was measured; if it was warm, its growth is in the geometry now and must not be counted again"
+        )
+    times = _times_the_tolerances(calibration)
+    if times > 1.0:
+        found.append(
+            f"what was kept is {times:.1f} times as far off as its tolerances say parts are, so they hold the fit "
+            "back: state what this robot's are (--tolerances)"
         )
     if calibration.inflation > 1.0:
         found.append(
@@ -117,6 +124,17 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
             "names of what moved"
         )
     return found
+
+
+def _times_the_tolerances(calibration: CalibrationFindings) -> float:
+    """Return how many times as far off parameters are as tolerances say, RMS; 1 where that is no accident.
+
+    Squares of their values over prior variances are chi-square, of as many degrees as variances were learnt.
+    """
+    lines = parameter_lines(calibration)
+    squared, learnt = sum((p.value / p.prior_std) ** 2 for p in lines), sum(p.learnt for p in lines)
+    surprising = learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < _BY_CHANCE
+    return math.sqrt(squared / learnt) if surprising else 1.0
 
 
 def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:

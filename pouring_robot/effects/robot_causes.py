@@ -151,7 +151,7 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         axis = _axis(mechanism, joint)
         if axis.any():
             across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
-            tilts.append(AxisTilt(joint, across))
+            tilts.append(AxisTilt(joint, across, zeros=_zeros(mechanism, joint, across)))
     return Placements(
         centres={"joints": places},
         tilts=tuple(tilts),
@@ -159,6 +159,17 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         along=along,
         tolerances=robot.tolerances_file,
     )
+
+
+def _zeros(mechanism: ClosedChainMechanism, joint: str, across: str) -> dict[str, str]:
+    """Return the turning joint before one, by the axis across that one that lies along the other's, if there is one."""
+    model = mechanism.shared_model
+    number = model.getJointId(joint)
+    before = model.names[model.parents[number]]
+    if not _axis(mechanism, before).any() or mechanism.unit_of(before) == "m":
+        return {}
+    along = np.abs(model.jointPlacements[number].rotation.T @ _axis(mechanism, before))
+    return {axis: before for axis, share in zip("xyz", along, strict=True) if axis in across and share > _ALONG}
 
 
 def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
@@ -76,3 +77,18 @@ def test_groups_not_kept_are_named_as_taken_for_exact(found):
 def test_a_heat_section_that_took_no_part_is_warned_of(found):
     warm = replace(found, present=found.present.model_copy(update={"heat": HeatSection()}))
     assert any("heat section of the model took no part" in line for line in warnings_of(warm))
+
+
+def test_values_beyond_their_tolerances_are_told(found):
+    """A robot made to its tolerances is silent; one four times as far off is not."""
+
+    def told(one):
+        return [line for line in warnings_of(one) if "times as far off as its tolerances" in line]
+
+    assert not told(found)
+    farther = replace(found.fit.unknowns, values=4.0 * found.fit.unknowns.values)
+    bad = replace(found, fit=replace(found.fit, unknowns=farther))
+    frame = bad.to_frame()
+    times = np.sqrt(((frame["value"] / frame["prior_std"]) ** 2).sum() / frame["learnt"].sum())
+    assert times > 2.0
+    assert [f"is {times:.1f} times as far off" in line for line in told(bad)] == [True]

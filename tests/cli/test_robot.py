@@ -9,6 +9,7 @@ import pytest
 
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
+from tests.effects.test_bearings import URDF as MAST
 from tests.robot.test_definition import ARM, FILE, ROBOTS
 from tests.support import ROOT
 
@@ -309,6 +310,22 @@ def test_loops_are_proposed_where_branches_meet(run, tmp_path):
     assert run("robot", "init", "f.urdf")[0] == 0
     text = (tmp_path / "robot.yaml").read_text(encoding="utf-8")
     assert "#     - {name: loop_1, frame_a: left_tip, frame_b: right_tip, type: 3d}" in text
+
+
+def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
+    """A mast whose slides follow a joint of a branch of its own; and fingers, locked, that cannot close wholly."""
+    finger = '<link name="{n}"/><joint name="{n}_slide" type="prismatic"><parent link="tool0"/><child link="{n}"/>{says}'
+    limits = '<axis xyz="0 1 0"/><limit lower="0.002" upper="0.05" effort="1" velocity="1"/></joint>'
+    follows = '<mimic joint="left_slide"/>'
+    fingers = finger.format(n="left", says="") + limits + finger.format(n="right", says=follows) + limits
+    (tmp_path / "mast.urdf").write_text(MAST.replace("</robot>", f"{fingers}</robot>"), encoding="utf-8")
+    code, out, err = run("robot", "init", "mast.urdf")
+    assert (code, err) == (0, "")
+    assert "ground to tool0, 2 drives: lift (length), pan (angle)" in " ".join(out.split())
+    assert "locked_joints: [left_slide]" in (tmp_path / "robot.yaml").read_text(encoding="utf-8")
+    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "1000 90")
+    assert (code, err) == (0, "")
+    assert "z 800.000" in " ".join(out.split())  # half of the lift and 0.2 m, 0.1 m up to the tool
 
 
 def test_a_xacro_is_taken_as_one(run, tmp_path):

@@ -9,11 +9,13 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.report.sentences import as_zeros_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.families.drives import Scale
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import MissingConditionsError
@@ -114,6 +116,29 @@ def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
     (yielding,) = (p for p in alone if "joint2.rx" in p.changes)
     assert yielding.unit == "mrad at 100 Nm"
     np.testing.assert_allclose(yielding.changes["joint2.rx"], 1e-5 * given.joint_moments["joint2.rx"], rtol=1e-12)
+
+
+def test_tilts_that_may_be_zeros_of_the_joint_before_turn_the_flange_alike():
+    """By the examiner's chain: its rotation hangs on no place. Of all other tilts none does."""
+    robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
+    drives, size = arm.targets(np.random.default_rng(3), 5), 1e-3
+
+    def turned(tilt=0.0, zero=0.0):
+        return arm.forward(drives + zero, tilt=tilt)[1]
+
+    found, tilts = {}, causes_of(robot).placements.tilts
+    for k, tilt in enumerate(tilts):
+        for axis in tilt.directions:
+            moved = turned(tilt=size * np.eye(18)[3 * k + "xyz".index(axis)].reshape(6, 3))
+            for j in range(6):
+                apart = min(np.abs(moved - turned(zero=sign * size * np.eye(6)[j])).max() for sign in (1.0, -1.0))
+                if apart < 1e-3 * size:
+                    found[f"{tilt.joint}.tilt_{axis}"] = f"joint{j + 1}"
+    assert found == {f"{t.joint}.tilt_{axis}": joint for t in tilts for axis, joint in t.zeros.items()}
+    assert len(found) == 4
+    said = as_zeros_text(["joint1.tilt_x", "joint2.tilt_z"], tilts)
+    assert said.endswith("would: joint2.tilt z as joint1's")
+    assert not as_zeros_text(["joint1.tilt_x"], tilts)
 
 
 def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):

@@ -22,6 +22,7 @@ from pouring_robot.exceptions import some
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.causes import AxisTilt
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
@@ -184,7 +185,15 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     )
     if not clear:
         lines.append("what they do together is sure, no single value of them is")
-    return lines
+    as_zeros = as_zeros_text((name for name, _ in shown), diagnosis.rows.conditions.causes.placements.tilts)
+    return [*lines, as_zeros] if as_zeros else lines
+
+
+def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:
+    """Return which of some parameters may be zeros of the joints before as well, in words; "" where none may."""
+    zeros = {f"{tilt.joint}.tilt_{axis}": joint for tilt in tilts for axis, joint in tilt.zeros.items()}
+    told = [f"{plain(name)} as {plain(zeros[name])}'s" for name in names if name in zeros]
+    return f"turns what follows as the zero of the joint before it would: {', '.join(told)}" if told else ""
 
 
 def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:

@@ -50,6 +50,8 @@ class AxisTilt:
     # sign with which that one is turned: -1 behind it in the chain, +1 where it is placed on the end body, against the
     # chain's direction
     back: float = -1.0
+    # turning joint before it whose zero turns what follows alike, by the axis of the placement that lies along its axis
+    zeros: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
