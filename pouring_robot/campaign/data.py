@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_in, metadata_path, read_metadata
+from pouring_robot.campaign.metadata import (
+    FROM_THE_ROW_BEFORE,
+    CampaignMetadata,
+    campaign_files,
+    metadata_in,
+    metadata_path,
+    read_metadata,
+)
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import write_together
@@ -30,6 +37,9 @@ from pouring_robot.robot.robot import AnyRobot, definition_of
 
 if TYPE_CHECKING:
     import pandas
+
+_STANDS, _LEAST_STEP = 1e-4, 1e-6
+"""Share of a drive's range, and m or rad, below which a difference is jitter of its reading: it stood still."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,6 +194,11 @@ class Campaign(Result):
 
     @classmethod
     def _of_table(cls, table: QuantityTable, robot: RobotDefinition, metadata: CampaignMetadata) -> Campaign:
+        arrays = arrays_from(table.numbers, robot)
+        if metadata.approach == FROM_THE_ROW_BEFORE:
+            came = from_the_row_before(arrays["drives"], arrays["conditions"].get("time"))
+            stated = arrays.get("approach", np.full(came.shape, np.nan))
+            arrays["approach"] = np.where(np.isfinite(stated), stated, came)
         found = cls(
             robot=robot,
             path=table.table.path,
@@ -194,7 +209,7 @@ class Campaign(Result):
             headings=table.headings,
             ignored_columns=table.unknown,
             distance_from=table.labels.get(columns.DISTANCE_FROM, ()),
-            **arrays_from(table.numbers, robot),
+            **arrays,
         )
         for row, name in enumerate(found.distance_from):
             if name and (found.samples.count(name) != 1 or found.samples[row] == name):
@@ -421,6 +436,22 @@ def _texts(values: Any) -> tuple[str, ...]:
 
 def _checked(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     return read_only(numbers(values, shape, f"'{name}' of the campaign must be numbers of the shape {shape}"))
+
+
+def from_the_row_before(drives: FloatArray, time_s: FloatArray | None) -> FloatArray:
+    """Return +1 where a drive rose to its value from the one before it in time, -1 where it fell, (n, drives).
+
+    One that stood still is where it was left; NaN where nobody knows where it came from. Without all times (n,) the
+    rows are in the order they were measured.
+    """
+    timed = time_s is not None and np.isfinite(time_s).all()
+    order = np.argsort(time_s, kind="stable") if timed and time_s is not None else np.arange(len(drives))
+    steps = np.diff(drives[order], axis=0, prepend=np.full((1, drives.shape[1]), np.nan))
+    stands = np.abs(steps) <= np.maximum(_STANDS * np.ptp(np.nan_to_num(drives), axis=0), _LEAST_STEP)
+    moved = np.maximum.accumulate(np.where(stands, 0, np.arange(len(drives))[:, None]), axis=0)
+    sides = np.empty_like(steps)
+    sides[order] = np.sign(np.take_along_axis(steps, moved, axis=0))
+    return sides
 
 
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:

@@ -27,6 +27,8 @@ rounding."""
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
 PER_SESSION: Frames = "per session"
+Approach = Literal["stated", "row before"]
+FROM_THE_ROW_BEFORE: Approach = "row before"
 # Digits written: a hundredth of the best tracker's noise.
 _DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
 
@@ -44,6 +46,8 @@ class CampaignMetadata(StrictModel):
     sigma_distance_m: Size | None = None  # of a distance
     sigma_closure_m: Size | None = None  # of what redundant drives disagree by
     screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
+    # who says the side each drive came from: the table alone, or each pose was driven to straight from the one before
+    approach: Approach = "stated"
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
     ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
@@ -128,7 +132,8 @@ _FIELDS: dict[str, Any] = {
     "robot": (str | None, None),
     "description": (str, ""),
     "metrology": _section("metrology", target=(str, "moving_platform"), frame=(str, "tracker"), frames=(Frames, "one")),
-    **{name: _section(name) for name in ("drives", "truss", "ladle")},
+    "drives": _section("drives", approach=(Approach, "stated")),
+    **{name: _section(name) for name in ("truss", "ladle")},
     _TEMPERATURE: (Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None, None),
     "reference_temperature_K": (Annotated[float, Field(ge=0.0, lt=1e4)] | None, None),
 }
@@ -167,6 +172,7 @@ def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadat
     if file.reference_temperature_K is not None:
         facts[_TEMPERATURE] += ABSOLUTE_ZERO_DEGC
     seen = {key: getattr(file.metrology, key) for key in ("target", "frame", "frames")}
+    seen["approach"] = file.drives.approach
     return CampaignMetadata(robot=file.robot, description=file.description, **seen, **facts)
 
 
@@ -183,6 +189,8 @@ def metadata_text(metadata: CampaignMetadata) -> str:
             if value is not None:
                 told = [float(f"{one * per:.12g}") for one in np.ravel(value).tolist()]
                 content.setdefault(name, {})[key] = told if isinstance(value, tuple) else told[0]
+    if metadata.approach != "stated":
+        content.setdefault("drives", {})["approach"] = metadata.approach
     if metadata.reference_temperature_degC is not None:
         content[_TEMPERATURE] = metadata.reference_temperature_degC
     stream = io.StringIO()

@@ -54,7 +54,8 @@ class Conclusions(Findings):
     @cached_property
     def remainder(self) -> tuple[Remainder, ...]:
         """The structure that is left, largest first; nothing where none counts."""
-        return tuple(Remainder.of(self, structure) for structure in self.judgement.remainder)
+        found = (Remainder.of(self, structure) for structure in self.judgement.remainder)
+        return tuple(sorted(found, key=lambda one: -one.size))
 
     @cached_property
     def suggestion(self) -> Suggestion:

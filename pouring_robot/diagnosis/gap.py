@@ -7,7 +7,9 @@ was linearised. The standard error is the jackknife's over blocks, so what the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +25,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
+_FEWEST_BLOCKS = 2
 FEWEST_VALUES = 50
 """Held-out values from which on one block tells its error to a tenth, and is enough."""
 
@@ -122,11 +125,12 @@ class InTurn:
     gap: Gap  # of all their rows, each foretold by the other blocks
     error_m: float  # standard error of the gap's position afterwards, in m
     agreed: int  # of how many blocks the others name what all fitted rows name
+    found: Mapping[str, int]  # of how many the others find each effect among it
 
     def metrics(self) -> dict[str, object]:
         """Return the gap's metrics and how well they are known."""
         own = {"blocks": self.blocks, "after_std_error_mm": self.error_m / MM, "same_names": self.agreed}
-        return {**self.gap.metrics(), **own}
+        return {**self.gap.metrics(), **own, "found": dict(self.found)}
 
 
 def held_out_in_turn(
@@ -137,31 +141,38 @@ def held_out_in_turn(
     names: frozenset[str],
     progress: Progress = say_nothing,
 ) -> InTurn | None:
-    """Return how well each block is foretold by the others; None where some block alone tells of the frames.
+    """Return how well each block is foretold by the others, but for those that alone tell of the frames.
 
-    Blocks are rows by index, together all of them; ``names`` are the effects that all fitted rows name.
+    Blocks are rows by index, together all of them; ``names`` are the effects that all fitted rows name. None where
+    fewer than two blocks can be foretold.
     """
     problem, linear = diagnoser.problem_at(after, of_every_row=True), after.every_row
-    masks = [np.isin(linear.row, rows) for rows in blocks]
     free = problem.nuisance.axes
-    # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
-    if any(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 < KNOWN for block in masks):
+
+    def told(block: BoolArray) -> bool:
+        # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
+        return bool(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
+
+    masks = {k: block for k, rows in enumerate(blocks) if told(block := np.isin(linear.row, rows))}
+    if len(masks) < _FEWEST_BLOCKS:
         return None
-    given, found, agreed = np.zeros(len(linear.row)), np.zeros(len(linear.row)), 0
-    for turn, block in enumerate(masks):
+    given, found, named = np.zeros(len(linear.row)), np.zeros(len(linear.row)), list[frozenset[str]]()
+    for turn, block in enumerate(masks.values()):
         progress("holding out each block in turn", turn, len(masks))
         given[block] = _unforeseen(before.every_row.residual, free, block)
-        left, named = _searched(diagnoser, problem, block)
+        left, effects = _searched(diagnoser, problem, block)
         found[block] = _unforeseen(left, free, block)
-        agreed += named == names
-    sigma, everything = diagnoser.rows.measured.sigma, np.ones(len(diagnoser.rows), dtype=bool)
+        named.append(effects)
+    sigma, every = diagnoser.rows.measured.sigma, np.arange(len(diagnoser.rows))
+    foretold = np.isin(every, np.concatenate([blocks[k] for k in masks]))
 
     def gap(rows: BoolArray) -> Gap:
         return Gap.between(replace(linear, residual=given), replace(linear, residual=found), rows, sigma)
 
-    fewer = np.array([gap(~np.isin(np.arange(len(everything)), rows)).position("after") for rows in blocks])
-    error = float(np.sqrt((len(blocks) - 1) * fewer.var()))
-    return InTurn(len(blocks), gap(everything), error, agreed)
+    fewer = np.array([gap(foretold & ~np.isin(every, blocks[k])).position("after") for k in masks])
+    error = float(np.sqrt((len(masks) - 1) * fewer.var()))
+    agreed = sum(effects == names for effects in named)
+    return InTurn(len(masks), gap(foretold), error, agreed, Counter(itertools.chain.from_iterable(named)))
 
 
 def few(seen: WhitenedRows, fitted: BoolArray) -> bool:

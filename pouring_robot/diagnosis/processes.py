@@ -172,18 +172,23 @@ def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
     yield "order", wandering(np.arange(len(given), dtype=float))
     if given.session.max() > 0:
         yield "session", separate(given.session)
-    for by, values in in_words(given, (f"{name}_m" for name in given.travels)).items():
+    for by, values in _changing(given, (f"{name}_m" for name in given.travels)).items():
         yield by, wandering(values)
-    for by, values in in_words(given, numbers(given)).items():
+    for by, values in _changing(given, numbers(given)).items():
         yield by, smooth(standardised(values), 1.0)
     for kind in given.causes.thermometers:
         rises = given.value(f"{kind.name}_rise_k")
-        if len(kind.members) > 1 and rises is not None:
+        if len(kind.members) > 1 and rises is not None and np.ptp(rises, axis=0).any():
             yield kind.word, smooth(standardised(rises), 2.0, most=20)
     if given.approach is not None:
         yield SIDE, given.approach
     pose = poses(given)
     yield "way from the pose before", np.diff(pose, axis=0, prepend=pose[:1])
+
+
+def _changing(given: Conditions, names: Iterable[str]) -> dict[str, FloatArray]:
+    """Return conditions (n,) by their names in sentences, without those that stand still: nothing depends on these."""
+    return {by: values for by, values in in_words(given, names).items() if np.ptp(values) > 0.0}
 
 
 def poses(given: Conditions) -> FloatArray:
@@ -196,7 +201,7 @@ def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Leng
     pose = poses(given)
     lengths = {words: _USUAL * smooth(pose, length, most=most) for words, (length, most) in scales.items()}
     yield "pose", lengths
-    for by, values in in_words(given, numbers(given, by_pose=True)).items():
+    for by, values in _changing(given, numbers(given, by_pose=True)).items():
         factor = standardised(values)[:, None]
         yield f"pose and {by}", {words: course[:, :50] * factor for words, course in lengths.items()}
     if given.session.max() > 0:
@@ -289,5 +294,5 @@ def _joints(inside: Inside, given: Conditions) -> Iterator[Process]:
     centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]
     if given.time_known:
         yield _moved("joint centres", "time", centres, {"": _USUAL * wandering(given.time_s, most=12)})
-    for by, values in in_words(given, numbers(given, moves_joints=True)).items():
+    for by, values in _changing(given, numbers(given, moves_joints=True)).items():
         yield _moved("joint centres", by, centres, {"": _USUAL * standardised(values)[:, None]})

@@ -21,7 +21,8 @@ class Remainder:
     """Structure that the best known effects leave, in the rows that were fitted."""
 
     structure: Summand  # as the search found it
-    parts: FloatArray  # what it adds to the rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
+    size: float  # root mean square of what would be left without it, in noise standard deviations
+    parts: FloatArray  # that of each row, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
     worst: int  # the component in which it is largest
     # the line of the file after which it jumps, in order of time; None where it is no step
     step_after: int | None
@@ -30,11 +31,11 @@ class Remainder:
     @classmethod
     def of(cls, diagnosis: Findings, structure: Summand) -> Self:
         """Look at a structure row by row."""
-        parts = table_of(diagnosis.after.fitted_rows, structure.part, len(diagnosis.rows))
+        parts = table_of(diagnosis.after.fitted_rows, structure.missed, len(diagnosis.rows))
         in_noise = parts / diagnosis.rows.measured.sigma[: parts.shape[1]]
         worst = int(np.nanargmax([rms(column) for column in in_noise.T]))
         step = _step(diagnosis, parts[:, worst]) if structure.process.by in _IN_TIME else (None, math.nan)
-        return cls(structure, parts, worst, *step)
+        return cls(structure, rms(structure.missed), parts, worst, *step)
 
     @property
     def component(self) -> str:
@@ -47,7 +48,7 @@ class Remainder:
         unit, scale = component_unit(self.worst)
         words, axis = self.structure.process.words, "the tracker's " if self.worst < 6 else ""
         text = (
-            f"{words}: {self.structure.size:.1f} times the noise, mostly in {axis}"
+            f"{words}: {self.size:.1f} times the noise, mostly in {axis}"
             f"{self.component} ({rms(self.parts[:, self.worst]) / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
@@ -61,7 +62,7 @@ class Remainder:
             "where": self.structure.process.where,
             "by": self.structure.process.by,
             "log_evidence_nats": self.structure.evidence,
-            "size_in_noise": self.structure.size,
+            "size_in_noise": self.size,
             "component": self.component,
             f"rms_{unit}": rms(self.parts[:, self.worst]) / scale,
             "sentence": self.sentence,

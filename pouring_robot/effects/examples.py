@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pouring_robot.batch import engine_for
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -28,12 +29,15 @@ def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
 def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
     """Return the same with nothing missing but several sessions; figures of no machine."""
     bare = bare_conditions(robot, rows)
+    joints = tuple(filter(None, engine_for(robot.mechanism()).structure.site_joints))
     members = [member for kind in causes_of(robot).thermometers if kind.expected for member in kind.members]
     return replace(
         bare,
         approach=np.ones_like(bare.drives),
         weight_n=np.full(rows, 5000.0),
         drive_force=np.full_like(bare.drives, 1000.0),
+        joint_moments={f"{joint}.r{axis}": np.full(rows, 500.0) for joint in joints for axis in "xyz"},
+        slides_m=dict.fromkeys(joints, np.linspace(0.0, 0.5, rows)),
         rises=dict.fromkeys(members, np.full(rows, 50.0)),
         travels=dict.fromkeys(robot.travels, np.linspace(0.0, 3.0, rows)),
         screw_pitch_m=0.01,

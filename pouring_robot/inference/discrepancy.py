@@ -41,6 +41,9 @@ class Summand(Structure):
     """One of several processes at work together, with its own share of what they do."""
 
     part: FloatArray  # what it explains, whitened, shape (m,)
+    # what would be left over without it, (m,), as far as the others and the hypothesis would not take it up: of two
+    # that undo each other in part, or that do alike, far less than what each makes
+    missed: FloatArray
     movement: FloatArray  # by how much each of its parts moves in each row, (n, parts), in m and rad
     std: FloatArray  # standard deviation of that, (n, parts)
 
@@ -312,7 +315,7 @@ class Discrepancy:
         if not chosen:
             return
         means, covariances = self._beside(chosen)[0].coefficients()
-        problem, first = self.hypothesis.problem, len(self._own)
+        problem, first, whole = self.hypothesis.problem, len(self._own), self._explained(chosen, means)
         for one in chosen:
             own = slice(first, first := first + len(one.seen.projected))
             mean, covariance = one.amplitude * means[own], one.amplitude**2 * covariances[own, own]
@@ -325,9 +328,21 @@ class Discrepancy:
             part = problem.nuisance.cleared(part)
             size = float(np.sqrt((part @ part) / len(part)))
             others = [other for other in chosen if other is not one]
-            worth = bayes_factor(*self._outside(*self._beside(others), others, one.seen)).evidence
+            beside, places = self._beside(others)
+            worth = bayes_factor(*self._outside(beside, places, others, one.seen)).evidence
+            missed = problem.nuisance.cleared(whole - self._explained(others, beside.coefficients()[0]))
             facts = one.seen.process, one.seen.length, one.amplitude, worth
-            yield Summand(*facts, size, part, np.column_stack(movement), np.column_stack(std))
+            yield Summand(*facts, size, part, missed, np.column_stack(movement), np.column_stack(std))
+
+    def _explained(self, chosen: Sequence[_Found], means: FloatArray) -> FloatArray:
+        """Return what the hypothesis and chosen processes explain together, (m,), by their coefficients (q + k,)."""
+        at = len(self._own)
+        explained = self.hypothesis.columns @ (np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * means[:at])
+        for one in chosen:
+            for piece in one.seen.parts:
+                own = one.amplitude * means[at : (at := at + piece.course.shape[1])]
+                explained = explained + piece.channel.column * (piece.channel.rows.T @ (piece.course @ own))
+        return np.asarray(explained)
 
     def _again(self, summands: Sequence[Summand]) -> list[_Found]:
         """Return what summands were made from."""

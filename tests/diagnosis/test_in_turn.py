@@ -50,7 +50,7 @@ def test_it_is_what_fits_without_each_block_leave_over():
         others = np.setdiff1d(np.arange(ROWS), rows)
         slope, start = np.polyfit(COURSE[others], values[others], 1)
         left[rows] = values[rows] - start - slope * COURSE[rows]
-    assert (found.blocks, found.agreed) == (5, 5)
+    assert (found.blocks, found.agreed, found.found) == (5, 5, {"slope": 5})
     # The search's prior on the slope is wide, but no plane.
     assert found.gap.position("after") == pytest.approx(SIGMA * np.sqrt((left**2).mean()), rel=0.01)
     before = [values[rows] - np.delete(values, rows).mean() for rows in BLOCKS]
@@ -63,10 +63,18 @@ def test_its_standard_error_is_the_scatter_from_campaign_to_campaign():
     assert np.sqrt(np.mean([one.error_m**2 for one in found])) == pytest.approx(scatter, rel=0.35)
 
 
-def test_a_block_that_alone_tells_of_the_frames_is_not_foretold():
-    alone = np.zeros((ROWS, 1))
-    alone[BLOCKS[2]] = 1.0
-    assert turned(drawn(2), alone) is None
+def test_blocks_that_alone_tell_of_the_frames_are_not_foretold():
+    alone = np.zeros((ROWS, 2))
+    alone[BLOCKS[2], 0] = 1.0
+    values = drawn(2)
+    found = turned(values, alone)
+    assert (found.blocks, found.found) == (4, {"slope": 4})
+    others = np.concatenate([BLOCKS[k] for k in (0, 1, 3, 4)])
+    assert found.gap.position("before") == pytest.approx(SIGMA * np.sqrt((values[others] ** 2).mean()))
+    everywhere = np.zeros((ROWS, 4))
+    for k in range(4):
+        everywhere[BLOCKS[k], k] = 1.0
+    assert turned(values, everywhere) is None
 
 
 @pytest.mark.parametrize(("held_out", "expected"), [(0, False), (6, True), (49, True), (50, False)])

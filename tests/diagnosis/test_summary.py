@@ -16,7 +16,7 @@ from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.gap import Gap, InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.notes import note_lines
@@ -182,6 +182,19 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
     group = replace(hot, effects=(replace(effect, cause=cause),), judgement=judgement)
     assert "leg_thermal_expansion or drive_scale" in group.headline
     assert "look alike" in apart_lines(group)[0]
+
+
+@pytest.mark.parametrize(("found", "said"), [
+    ({"leg_thermal_expansion": 5}, False),
+    ({"leg_thermal_expansion": 2}, True),
+    ({}, True),
+])  # fmt: skip
+def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
+    turns = InTurn(5, hot.held_out, 1e-5, 0, found)
+    headline = replace(hot, in_turn=turns).headline
+    seldom = f"% sure, but found in {found.get('leg_thermal_expansion', 0)} of 5 searches without a block)"
+    assert (seldom in headline) == said
+    assert ("without a block" in headline) == said
 
 
 def test_measurements_that_tell_nothing_are_not_listed(hot):

@@ -9,6 +9,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
+from pouring_robot.diagnosis.processes import _of_one_condition
 from pouring_robot.diagnosis.where.fit import overall
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements, holm
@@ -220,6 +221,9 @@ def test_absent_and_constant_conditions(full):
     bounded = " ".join(found).partition("; with ")[2]
     assert "platform temperature" in bounded
     assert not any(word in bounded for word in ("melt", "load"))
+    courses = {by for by, _ in _of_one_condition(constant)}
+    assert courses.isdisjoint({"load", "melt temperature"})
+    assert {"platform temperature", "truss travel"} <= courses
     json.dumps(where.as_json(), allow_nan=False)
     assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.as_json()[0])
 

@@ -69,7 +69,7 @@ def moments(drives: Array, payload: Array) -> Array:
     """Return the torque of gravity on each joint across its axis, shape (n, 6, 3), in Nm; see :func:`weight`."""
     still = np.zeros((len(drives), 18))
     found = -slope(lambda turned: _height_kg(drives, turned.reshape(-1, 6, 3), payload), still)
-    return found.reshape(-1, 6, 3) * (1 - AXES)
+    return np.asarray(found.reshape(-1, 6, 3) * (1 - AXES))
 
 
 def _height_kg(drives: Array, tilt: Array | float, payload: Array) -> Array:

@@ -76,6 +76,8 @@ def test_the_sum_is_that_of_gaussian_processes(described, rng):
     for summand in found:
         own = covariance_of(summand)
         np.testing.assert_allclose(summand.part, own @ np.linalg.solve(total, residual), atol=1e-8)
+        left, left_without = (np.linalg.solve(covariance, residual) for covariance in (total, total - own))
+        np.testing.assert_allclose(summand.missed, left_without - left, atol=1e-8)
         spread = np.diag(own - own @ np.linalg.solve(total, own))
         np.testing.assert_allclose(summand.std[:, 0], np.sqrt(np.maximum(spread, 0.0)), atol=1e-6)
         assert summand.size == pytest.approx(np.sqrt((summand.part**2).mean()))

@@ -7,8 +7,9 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap, share_closed
+from pouring_robot.diagnosis.gap import FEWEST_VALUES, Gap, share_closed
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.candidates import in_mm_deg
@@ -19,6 +20,7 @@ from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.exceptions import some
+from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -26,6 +28,7 @@ from pouring_robot.robot.description.causes import AxisTilt
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
+_BEYOND_DOUBT = 1000.0
 _GAP = 1.2
 """How many times the noise a gap must be: of one that is hardly there a share says nothing."""
 
@@ -57,8 +60,10 @@ def headline(diagnosis: Conclusions) -> str:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
         said = scatter_text(diagnosis) or f"something moves the {moved} that no effect of the library explains"
+        if diagnosis.remainder and not diagnosis.judgement.scatters:
+            said += f", by {max(item.size for item in diagnosis.remainder):.1f} times the noise"
         return f"UNKNOWN: {said}.{besides}"
-    names = _names(diagnosis.firm)
+    names = _names(diagnosis)
     # Who reads one sentence must not take the causes for the gap where joints make more of it.
     mostly = ""
     if diagnosis.mostly_workmanship:
@@ -77,13 +82,24 @@ def scatter_text(diagnosis: Conclusions) -> str:
     return f"what is left scatters from row to row, like a noise of {left.words} in place of the stated {stated}"
 
 
-def _names(effects: Sequence[NamedEffect]) -> str:
-    causes = [effect.cause for effect in effects]
+def _names(diagnosis: Conclusions) -> str:
+    causes = [effect.cause for effect in diagnosis.firm]
     parts = [
-        " or ".join((c.effect, *c.alternatives)) if c.alternatives else f"{c.effect} ({sure_text(c.probability)})"
+        " or ".join((c.effect, *c.alternatives))
+        if c.alternatives
+        else f"{c.effect} ({sure_text(c.probability)}{_seldom_text(diagnosis, c)})"
         for c in causes
     ]
     return ("; and " if any(c.alternatives for c in causes) else " and ").join(parts)
+
+
+def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
+    """Return that few parts of the rows show a cause by themselves; "" where most do, or nobody asked them."""
+    turns = diagnosis.in_turn
+    if turns is None or not cause.indices:
+        return ""
+    found = turns.found.get(cause.effect, 0)
+    return f", but found in {found} of {turns.blocks} searches without a block" if 2 * found < turns.blocks else ""
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
@@ -128,9 +144,10 @@ def worse_sentence(diagnosis: Conclusions) -> str:
 
 
 def _in_turn_text(diagnosis: Conclusions) -> str:
-    found = diagnosis.in_turn
+    found, held_out = diagnosis.in_turn, diagnosis.held_out
     if found is None:
-        return ""
+        alone = held_out is not None and held_out.counts.sum() < FEWEST_VALUES and diagnosis.judgement.names
+        return " One block of so few rows tells little, and of the frames the others do not tell." if alone else ""
     before, after = (found.gap.position(which) / MM for which in ("before", "after"))
     turn, left_turn = (found.gap.rotation(which) / MRAD for which in ("before", "after"))
     turned = f"; {turn:.3f} mrad before, {left_turn:.3f} mrad after" if math.isfinite(turn) else ""
@@ -273,8 +290,12 @@ def source_text(names: Sequence[str], campaign: Campaign) -> str:
     keys = [name for name in names if "." in name]
     columns = [name for name in names if "." not in name]
     parts = [f"column{'s' if len(columns) > 1 else ''} {', '.join(columns)}"] if columns else []
-    parts += [f"{', '.join(keys)} in {campaign.path.with_suffix('.yaml').name}"] if keys else []
-    return f"add {' and '.join(parts)}"
+    yaml = campaign.path.with_suffix(".yaml").name
+    parts += [f"{', '.join(keys)} in {yaml}"] if keys else []
+    sides = not {*columns}.isdisjoint(approach_names(campaign.robot))
+    key = f"drives.approach: {FROM_THE_ROW_BEFORE} in {yaml}"
+    order = f", or {key} if each pose was driven to straight from the one before" if sides else ""
+    return f"add {' and '.join(parts)}{order}"
 
 
 def untestable_lines(diagnosis: Conclusions) -> list[str]:
@@ -296,10 +317,12 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
     if verdict == "no_gap":
-        near = [f"{name} ({worth:+.1f} nats)" for name, worth in diagnosis.spare.items() if worth >= LITTLE_NATS]
+        least = diagnosis.diagnoser.thresholds.least_evidence
+        worths = {f"{n} ({worth:+.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
+        near, bent = ([said for said, worth in worths.items() if (worth < least) == few] for few in (True, False))
         if near:
-            least = diagnosis.diagnoser.thresholds.least_evidence
             lines.append(f"not sure enough to be named: {', '.join(near)}; it takes {least:.1f}, so measure more rows")
+        lines += [f"{', '.join(bent)} would explain something, but too little, bent, or undone"] if bent else []
         hidden = {s.second: s.how for s in diagnosis.suggestion.separations}
         ways = {name: "no pose shows it" if how == NO_POSE else f"to see it, {how}" for name, how in hidden.items()}
         lines += [f"could be there and not show: {name}; {way}" for name, way in ways.items()]
@@ -346,10 +369,15 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
         return [f"none of the measurements that were tried would tell {told}"]
     by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
     lines = [
-        f"{len(best)} measurements to tell {told}: {gain:.1f} nats expected, "
-        f"{by_chance:.1f} from as many at random {odds}; the best of them:"
+        f"{len(best)} measurements to tell {told}: {_nats_text(gain)} expected, "
+        f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
+
+
+def _nats_text(nats: float) -> str:
+    """Return evidence in words; beyond any doubt it is no use to say how far."""
+    return f"{nats:.1f} nats" if nats < _BEYOND_DOUBT else f"more than {_BEYOND_DOUBT:g} nats"
 
 
 def tells_most(diagnosis: Conclusions) -> list[SuggestedMeasurement]:

@@ -119,7 +119,7 @@ class Bearing(Family):
     tilts: Mapping[str, str]  # joint → axes of its placement about which it may tilt
     sizes: Mapping[str, float]  # joint → how soft it is expected to be beside the others
     strokes: Mapping[str, tuple[float, float]]  # sliding joint → middle and half of its stroke, in m
-    driven_by = "joint_moments"
+    needs = ("joint_moments",)
     shaped_by = ("weight_n",)
 
     def acts(self, conditions: Conditions) -> bool:

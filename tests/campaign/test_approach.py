@@ -1,0 +1,49 @@
+"""The side each drive came from, by the order of the rows: from the row before, where the table does not say it."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign.data import Campaign, from_the_row_before
+from pouring_robot.exceptions import CampaignFileError
+from tests.campaign.simulated import write_text
+
+HEADER = "time_s,q1_mm,q2_mm,q3_mm,q4_rad,x_mm,y_mm,z_mm"
+# In order of time: 2, 0, 1, 3. The second leg stands still but for jitter, the last drive turns in the last row only.
+ROWS = (
+    "20,510,500,600,0.1,1,2,3",
+    "30,490,500.00001,600,0.1,1,2,3",
+    "10,500,500,500,0.1,1,2,3",
+    "40,490,500,600,0,1,2,3",
+)
+SIDES = [[1, np.nan, 1, np.nan], [-1, np.nan, 1, np.nan], [np.nan] * 4, [-1, np.nan, 1, -1]]
+BY_ORDER = "drives: {approach: row before}\n"
+
+
+def test_a_drive_came_from_where_it_stood_and_is_where_it_was_left(tmp_path):
+    campaign = Campaign.read(write_text(tmp_path, HEADER, ROWS, BY_ORDER))
+    np.testing.assert_array_equal(campaign.approach, SIDES)
+    assert Campaign.read(write_text(tmp_path, HEADER, ROWS, "robot: pouring_robot\n")).approach is None
+
+
+def test_without_all_times_rows_are_in_order():
+    drives = np.array([[0.0, 0.0], [1.0, 1.0], [1.0 + 1e-6, 0.5], [0.0, np.nan], [0.5, 2.0]])
+    expected = [[np.nan, np.nan], [1, 1], [1, -1], [-1, np.nan], [1, np.nan]]
+    for time in (None, np.array([5.0, 4.0, 3.0, np.nan, 1.0])):
+        np.testing.assert_array_equal(from_the_row_before(drives, time), expected)
+    backwards = from_the_row_before(drives[::-1], np.arange(5.0)[::-1])
+    np.testing.assert_array_equal(backwards[::-1], expected)
+
+
+def test_what_the_table_says_counts_and_what_is_written_reads_the_same(tmp_path):
+    rows = [f"{row},{said}" for row, said in zip(ROWS, ("-1", "", "1", ""), strict=True)]
+    campaign = Campaign.read(write_text(tmp_path, f"{HEADER},approach_q1", rows, BY_ORDER))
+    np.testing.assert_array_equal(campaign.approach[:, 0], [-1, -1, 1, -1])
+    table, _ = campaign.save(tmp_path / "again.csv")
+    again = Campaign.read(table)
+    assert again.metadata == campaign.metadata
+    np.testing.assert_array_equal(again.approach, campaign.approach)
+
+
+def test_another_word_is_refused(tmp_path):
+    with pytest.raises(CampaignFileError, match=r"drives\.approach"):
+        Campaign.read(write_text(tmp_path, HEADER, ROWS, "drives: {approach: guess}\n"))
