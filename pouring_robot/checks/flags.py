@@ -145,6 +145,11 @@ class FlagCode(enum.StrEnum):
         _ERROR,
         "if the tracker was set up anew between sessions, write 'frames: per session' under metrology in the YAML",
     )
+    TARGET_MOVED = (
+        "target_moved",
+        _WARNING,
+        "if the target was mounted anew there, or a drive's zero set, put each session into a campaign of its own",
+    )
     OUTLIER = "outlier", _WARNING, "measure the pose again, or leave the row out"
     MEASUREMENT_JUMP = (
         "measurement_jump",

@@ -7,7 +7,7 @@ places of their own, though the campaign says that they did not.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -28,12 +28,12 @@ from pouring_robot.checks.units_and_axes import (
     reversed_words,
     reversed_x,
 )
-from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
@@ -53,6 +53,7 @@ _LEAST_USED = 0.1  # share of a drive's range; angles that move by less in anoth
 _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
 _TIMES_BETTER = 3.0
+_TELLING_ROWS = 20  # of a session: with fewer its own frames, twelve unknowns, explain too much
 
 
 def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campaign, list[DataFlag]]:
@@ -60,8 +61,11 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
 
     That is where each session by itself agrees with the robot far better than all from one place.
     """
-    if len(set(campaign.sessions)) < 2 or campaign.metadata.own_frames:
-        return in_one_frame(campaign, poses), []
+    if len(set(campaign.sessions)) < 2:
+        return campaign, []
+    if campaign.metadata.own_frames:
+        together = in_one_frame(campaign, poses)
+        return together, list(_targets_moved(together, poses))
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
     try:
         together = in_one_frame(dataclasses.replace(campaign, metadata=metadata), poses)
@@ -77,6 +81,31 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
     return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
+
+
+def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
+    """Yield sessions, seen from one place, that agree with the robot far better with a target of their own."""
+    everything, arm = Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad), 1.0
+    try:
+        shared = everything.fit(arm)
+    except FrameFitError:
+        return
+    for session, members in campaign.rows_by_session().items():
+        if np.count_nonzero(poses.complete[members]) < _TELLING_ROWS:
+            continue
+        own = everything[members].fit(arm)
+        sizes = [(robust_sigma(shared.position_residual_m[members]), own.position_scale_m, MM, "mm")]
+        if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
+            turned = robust_sigma(shared.rotation_residual_rad[members])
+            sizes.append((turned, own.rotation_scale_rad, MRAD, "mrad"))
+        if any(together > _TIMES_BETTER * alone for together, alone, _, _ in sizes):
+            one = " and ".join(f"{together / si:.3g} {unit}" for together, _, si, unit in sizes)
+            other = " and ".join(f"{alone / si:.3g} {unit}" for _, alone, si, unit in sizes)
+            message = (
+                f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
+                f"its rows miss the robot by {one} a component, with one of its own by {other}"
+            )
+            yield found(campaign, FlagCode.TARGET_MOVED, message, members)
 
 
 class FrameChecks:

@@ -81,6 +81,16 @@ def told_of_one_place(campaign):
     return dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update={"frames": "one"}))
 
 
+def mounted_anew(campaign):
+    """Return a campaign of three set-ups in the second of which the target sits elsewhere on the robot."""
+    campaign = moved(campaign, 1)
+    rows = np.array(campaign.sessions) == "b"
+    position, seen = np.array(campaign.position_m), Rotation.from_rotvec(np.array(campaign.rotation_vector_rad))
+    position[rows] += seen[rows].apply([0.03, 0.01, 0.02])
+    turned = (seen * Rotation.from_rotvec(rows[:, None] * [0.05, 0.0, 0.03])).as_rotvec()
+    return dataclasses.replace(campaign, position_m=position, rotation_vector_rad=turned)
+
+
 DAMAGES = {
     "condition_unit": [
         changed("truss_travel", lambda v: v * 1e3),
@@ -117,6 +127,7 @@ DAMAGES = {
         lambda c: damaged(c, drives=scaled([0, 1], -1.0)),
     ],
     "drive_zero": [lambda c: damaged(c, drives=lambda v: v - [0.0, 0.0, 0.0, np.pi / 2.0])],
+    "target_moved": [mounted_anew],
     "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
         lambda c: damaged(c, drives=scaled([0, 1, 2], 1000.0)),
@@ -205,6 +216,7 @@ DAMAGES = {
 # What follows from the damage besides what is looked for.
 BESIDES = {
     "time_not_increasing": {"stuck_column"},
+    "target_moved": {"outlier"},
     "one_pose": {"no_agreement", "unreachable_pose", "outlier", "too_few_rows"},
     "no_agreement": set(),
     "stuck_column": {"outlier", "unreachable_pose"},
