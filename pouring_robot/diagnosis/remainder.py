@@ -22,7 +22,7 @@ class Remainder:
 
     structure: Summand  # as the search found it
     size: float  # root mean square of what would be left without it, in noise standard deviations
-    parts: FloatArray  # that of each row, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
+    missed: FloatArray  # that of each row, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
     worst: int  # the component in which it is largest
     # the line of the file after which it jumps, in order of time; None where it is no step
     step_after: int | None
@@ -31,11 +31,13 @@ class Remainder:
     @classmethod
     def of(cls, diagnosis: Findings, structure: Summand) -> Self:
         """Look at a structure row by row."""
-        parts = table_of(diagnosis.after.fitted_rows, structure.missed, len(diagnosis.rows))
-        in_noise = parts / diagnosis.rows.measured.sigma[: parts.shape[1]]
+        rows, fitted = len(diagnosis.rows), diagnosis.after.fitted_rows
+        missed, parts = (table_of(fitted, values, rows) for values in (structure.missed, structure.part))
+        in_noise = missed / diagnosis.rows.measured.sigma[: missed.shape[1]]
         worst = int(np.nanargmax([rms(column) for column in in_noise.T]))
+        # What the others would take up of a step is no step any more.
         step = _step(diagnosis, parts[:, worst]) if structure.process.by in _IN_TIME else (None, math.nan)
-        return cls(structure, rms(structure.missed), parts, worst, *step)
+        return cls(structure, rms(structure.missed), missed, worst, *step)
 
     @property
     def component(self) -> str:
@@ -49,7 +51,7 @@ class Remainder:
         words, axis = self.structure.process.words, "the tracker's " if self.worst < 6 else ""
         text = (
             f"{words}: {self.size:.1f} times the noise, mostly in {axis}"
-            f"{self.component} ({rms(self.parts[:, self.worst]) / scale:.3f} {unit} rms)"
+            f"{self.component} ({rms(self.missed[:, self.worst]) / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
             text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"
@@ -64,7 +66,7 @@ class Remainder:
             "log_evidence_nats": self.structure.evidence,
             "size_in_noise": self.size,
             "component": self.component,
-            f"rms_{unit}": rms(self.parts[:, self.worst]) / scale,
+            f"rms_{unit}": rms(self.missed[:, self.worst]) / scale,
             "sentence": self.sentence,
         }
         if self.step_after is not None:

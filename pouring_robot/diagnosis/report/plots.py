@@ -319,7 +319,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
             left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=kind)
     if diagnosis.remainder:
         first = diagnosis.remainder[0]
-        values = first.parts[:, first.worst] / diagnosis.rows.measured.sigma[first.worst]
+        values = first.missed[:, first.worst] / diagnosis.rows.measured.sigma[first.worst]
         words = first.structure.process.words
         left.plot(place[shown], values[shown], "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)
