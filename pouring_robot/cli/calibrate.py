@@ -44,6 +44,7 @@ def calibrate(
     from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.map_fit import FitOptions
+    from pouring_robot.robot.pouring_robot import robot_of
     from pouring_robot.robot.tolerances import Tolerances
 
     present = bundles.Which(model, robot).read()
@@ -55,6 +56,7 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
+    robot_of(present).location_in_the_middle()  # where its URDF will stand: refused before the fit, not after it
     with progress.stage_bars() as show:
         found = run(data, present, chosen, show)
         show("writing", 0, 0)

@@ -11,6 +11,8 @@ import pytest
 
 from pouring_robot import ClosedChainMechanism, ClosureSolver, PlatformPose, RobotModel, load_loops, load_robot
 from pouring_robot.cli.app import main
+from tests.campaign.simulated import write_text
+from tests.robot.test_definition import ARM, FILE
 
 ACTUAL = str(Path(__file__).resolve().parents[2] / "examples" / "actual.yaml")
 
@@ -78,3 +80,14 @@ def test_a_wrong_choice_is_refused_in_the_users_words(tmp_path, capsys):
         "pouring-robot: Invalid value for '--loss': 'cauchy' is not one of 'huber', 'soft_l1', 'linear'; "
         "see pouring-robot calibrate --help"
     )
+
+
+def test_what_could_not_be_written_is_refused_before_the_fit(tmp_path, capsys, monkeypatch):
+    """The URDF stands at the home, which a slide that begins at 0.2 m does not reach at zero."""
+    (tmp_path / "arm.urdf").write_text(ARM.replace('lower="0"', 'lower="0.2"'), encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(FILE, encoding="utf-8")
+    table = write_text(tmp_path, "shoulder_rad,reach_m,x_m,y_m,z_m", ["0.1,0.3,1,2,3"])
+    monkeypatch.setattr("pouring_robot.calibration.calibrate.calibrate", lambda *_: pytest.fail("it was fitted"))
+    words = ["calibrate", str(table), "--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path / "out")]
+    assert main(words) == 3
+    assert "cannot stand at its home" in capsys.readouterr().err
