@@ -86,7 +86,7 @@ def test_what_could_not_be_written_is_refused_before_the_fit(tmp_path, capsys, m
     """The URDF stands at the home, which a slide that begins at 0.2 m does not reach at zero."""
     (tmp_path / "arm.urdf").write_text(ARM.replace('lower="0"', 'lower="0.2"'), encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(FILE, encoding="utf-8")
-    table = write_text(tmp_path, "shoulder_rad,reach_rad,x_m,y_m,z_m", ["0.1,300,1,2,3"])
+    table = write_text(tmp_path, "turn_rad,reach_rad,x_m,y_m,z_m", ["0.1,300,1,2,3"])
     monkeypatch.setattr("pouring_robot.calibration.calibrate.calibrate", lambda *_: pytest.fail("it was fitted"))
     words = ["calibrate", str(table), "--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path / "out")]
     assert main(words) == 3
