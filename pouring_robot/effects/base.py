@@ -111,6 +111,13 @@ class Effect(ABC):
         """
         return ()
 
+    def to_read_with_care(self, conditions: Conditions) -> tuple[str, ...]:
+        """Return what of a campaign makes its parameters less certain than they look, a sentence each.
+
+        By default nothing.
+        """
+        return ()
+
     def untold(self, conditions: Conditions) -> Mapping[str, int]:
         """Return in how many rows it is taken as none because the campaign that taught it did not reach there.
 

@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
+from pouring_robot.effects.examples import complete_conditions
 from pouring_robot.effects.families.drives import Scale
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
@@ -203,6 +204,21 @@ def test_orders_of_a_joint_are_said_together():
     assert "3.536 mrad rms" in said[0]
     assert said[0].endswith("2 (5.000)")
     assert all("0.000 mrad rms" in line for line in said[1:])
+
+
+def test_joints_that_turned_little_are_told():
+    """The widest gap is the one that was not seen: from 350 to 20 degrees a joint turned by 30, not by 330."""
+    robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
+    effect = all_effects(robot)["joint_periodic"]
+    turned = {0: np.linspace(0, 350, 36), 1: np.linspace(-10, 20, 36), 2: np.linspace(0, 265, 36), 3: np.zeros(36)}
+    drives = np.column_stack([turned.get(k, turned[0]) for k in range(6)])
+    given = replace(complete_conditions(robot, 36), drives=np.radians(drives))
+    (said,) = effect.to_read_with_care(given)
+    words = [drive.words for drive in robot.drives]
+    assert said.endswith(f": {words[1]} 30°, {words[2]} 265°, {words[3]} 0°")
+    assert not effect.to_read_with_care(replace(given, drives=np.radians(drives[:, [0] * 6])))
+    first, second = (np.sin(order * np.radians(np.linspace(-135, 135, 1001))) for order in (8, 9))
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.3, abs=0.05)
 
 
 @pytest.mark.parametrize(("known_to", "lead", "more"), [

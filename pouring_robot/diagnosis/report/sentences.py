@@ -188,7 +188,8 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     every = diagnosis.parameters_of(effect)
     together = diagnosis.in_words(effect)
     if together:
-        return [*lines, *together]
+        known = diagnosis.diagnoser.library.effects[cause.effect]
+        return [*lines, *together, *known.to_read_with_care(diagnosis.rows.conditions)]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
     order = sorted(
         clear or every, key=lambda item: (not item[1].parameter.main, -abs(item[1].value) / max(item[1].std, 1e-300))
