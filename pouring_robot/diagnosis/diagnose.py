@@ -259,6 +259,8 @@ class _Work:
             names = frozenset(item.effect for item in hypothesis.items if item.cause)
             blocks = (*found.parts.folds, found.parts.test)
             in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
+        if in_turn:
+            judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
         passing = [effect for effect in judgement.minor if self.effects[effect].passes]
         if passing and judgement.causes:  # they are of these rows, not of the robot
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)

@@ -19,6 +19,7 @@ from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.estimation.instruments import LENGTHS, are, component_name, kinds_of
 from pouring_robot.estimation.splits import KNOWN
+from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
@@ -126,6 +127,18 @@ class InTurn:
     error_m: float  # standard error of the gap's position afterwards, in m
     agreed: int  # of how many blocks the others name what all fitted rows name
     found: Mapping[str, int]  # of how many the others find each effect among it
+
+    def seldom(self, cause: Cause) -> bool:
+        """Return whether fewer than half of the searches without a block find a cause; of workmanship none is asked."""
+        return bool(cause.indices) and 2 * self.found.get(cause.effect, 0) < self.blocks
+
+    def tempered(self, cause: Cause) -> Cause:
+        """Return a cause no surer than its share of these searches says, if most do without it.
+
+        By Laplace's rule of succession: of a cause that evidence is sure of, but that hangs on the rows of one block.
+        """
+        share = (self.found.get(cause.effect, 0) + 1) / (self.blocks + 2)
+        return replace(cause, probability=min(cause.probability, share)) if self.seldom(cause) else cause
 
     def metrics(self) -> dict[str, object]:
         """Return the gap's metrics and how well they are known."""

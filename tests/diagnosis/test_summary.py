@@ -192,9 +192,14 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
 def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
     turns = InTurn(5, hot.held_out, 1e-5, 0, found)
     headline = replace(hot, in_turn=turns).headline
-    seldom = f"% sure, but found in {found.get('leg_thermal_expansion', 0)} of 5 searches without a block)"
+    seldom = f"% sure: found in {found.get('leg_thermal_expansion', 0)} of 5 searches without a block)"
     assert (seldom in headline) == said
     assert ("without a block" in headline) == said
+    (cause,) = hot.judgement.causes
+    share = (found.get("leg_thermal_expansion", 0) + 1) / 7
+    assert turns.tempered(cause).probability == (share if said else cause.probability)
+    workmanship = replace(cause, indices=())
+    assert turns.tempered(workmanship) == workmanship
 
 
 def test_measurements_that_tell_nothing_are_not_listed(hot):

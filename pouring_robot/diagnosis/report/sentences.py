@@ -94,12 +94,11 @@ def _names(diagnosis: Conclusions) -> str:
 
 
 def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
-    """Return that few parts of the rows show a cause by themselves; "" where most do, or nobody asked them."""
+    """Return that few searches without a block find a cause; "" where most do, or there were none."""
     turns = diagnosis.in_turn
-    if turns is None or not cause.indices:
+    if turns is None or not turns.seldom(cause):
         return ""
-    found = turns.found.get(cause.effect, 0)
-    return f", but found in {found} of {turns.blocks} searches without a block" if 2 * found < turns.blocks else ""
+    return f": found in {turns.found.get(cause.effect, 0)} of {turns.blocks} searches without a block"
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
