@@ -260,8 +260,13 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
 
 
 def _worth_saying(hypothesis: Hypothesis, loose: Sequence[int], thresholds: Thresholds) -> bool:
-    """Return whether what is no cause is more than a minor part of workmanship, as causes are told."""
+    """Return whether what is no cause is more than a minor part of workmanship, as causes are told, and than the noise.
+
+    What hides in less than the noise is smaller than what anybody is to find.
+    """
     size = len(hypothesis.problem.residual)
+    if hypothesis.size(*loose) < size:
+        return False
     workmanship = max(hypothesis.log_evidence - hypothesis.with_levels_of(()).log_evidence, 0.0)
     return _added(hypothesis, loose) >= thresholds.minor_share * float(np.sqrt(2.0 * workmanship / size))
 
