@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas
 
 _STANDS, _LEAST_STEP = 1e-4, 1e-6
-"""Share of a drive's range, and m or rad, below which a difference is jitter of its reading: it stood still."""
+"""Share of a drive's range in a campaign, and m or rad, below which a difference is jitter: the drive stood still."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -196,7 +196,8 @@ class Campaign(Result):
     def _of_table(cls, table: QuantityTable, robot: RobotDefinition, metadata: CampaignMetadata) -> Campaign:
         arrays = arrays_from(table.numbers, robot)
         if metadata.approach == FROM_THE_ROW_BEFORE:
-            came = from_the_row_before(arrays["drives"], arrays["conditions"].get("time"))
+            time = arrays["conditions"].get("time")
+            came = from_the_row_before(arrays["drives"], time, columns.sessions_of(table))
             stated = arrays.get("approach", np.full(came.shape, np.nan))
             arrays["approach"] = np.where(np.isfinite(stated), stated, came)
         found = cls(
@@ -438,19 +439,27 @@ def _checked(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     return read_only(numbers(values, shape, f"'{name}' of the campaign must be numbers of the shape {shape}"))
 
 
-def from_the_row_before(drives: FloatArray, time_s: FloatArray | None) -> FloatArray:
+def from_the_row_before(
+    drives: FloatArray, time_s: FloatArray | None = None, sessions: Sequence[str] | None = None
+) -> FloatArray:
     """Return +1 where a drive rose to its value from the one before it in time, -1 where it fell, (n, drives).
 
-    One that stood still is where it was left; NaN where nobody knows where it came from. Without all times (n,) the
-    rows are in the order they were measured.
+    One that stood still is where it was left. NaN where nobody knows where it came from: in the first row, also of a
+    session, and after a row without its value. Without all times (n,) the rows are in the order they were measured.
     """
     timed = time_s is not None and np.isfinite(time_s).all()
     order = np.argsort(time_s, kind="stable") if timed and time_s is not None else np.arange(len(drives))
-    steps = np.diff(drives[order], axis=0, prepend=np.full((1, drives.shape[1]), np.nan))
-    stands = np.abs(steps) <= np.maximum(_STANDS * np.ptp(np.nan_to_num(drives), axis=0), _LEAST_STEP)
-    moved = np.maximum.accumulate(np.where(stands, 0, np.arange(len(drives))[:, None]), axis=0)
-    sides = np.empty_like(steps)
-    sides[order] = np.sign(np.take_along_axis(steps, moved, axis=0))
+    spread = np.nanmax(drives, axis=0, initial=-np.inf) - np.nanmin(drives, axis=0, initial=np.inf)
+    still, sides = np.maximum(_STANDS * spread, _LEAST_STEP), np.full(drives.shape, np.nan)
+    stood = side = np.full(drives.shape[1], np.nan)
+    for number, row in enumerate(order):
+        if sessions is not None and number and sessions[row] != sessions[order[number - 1]]:
+            stood = side = np.full(drives.shape[1], np.nan)
+        step = drives[row] - stood  # from where it last came to a stop, so that creeping adds up
+        moved = ~(np.abs(step) <= still)
+        side = np.where(moved, np.sign(step), side)
+        stood = np.where(moved, drives[row], stood)
+        sides[row] = side
     return sides
 
 

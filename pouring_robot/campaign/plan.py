@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.campaign import columns
+from pouring_robot.campaign.data import from_the_row_before
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
@@ -127,9 +128,10 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
 
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:
-    """Return +1 where a drive rose to its value, (n, drives), from the one before, -1 where it fell; the first rose."""
-    steps = np.diff(drives, axis=0, prepend=drives[:1] - 1.0)
-    return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(columns.approach_names(robot))}
+    """Return the side that each drive comes from, (n,) by the column's name: by the row before; the first rose."""
+    sides = from_the_row_before(drives)
+    sides[np.isnan(sides)] = 1.0
+    return dict(zip(columns.approach_names(robot), sides.T, strict=True))
 
 
 def _random_conditions(robot: Robot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:

@@ -85,22 +85,22 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
 
 def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
     """Yield sessions, seen from one place, that agree with the robot far better with a target of their own."""
-    everything, arm = Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad), 1.0
+    everything = Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad)
+    whole = poses.complete & np.isfinite(campaign.position_m).all(axis=1)
+    told = {name: rows for name, rows in campaign.rows_by_session().items() if whole[rows].sum() >= _TELLING_ROWS}
     try:
-        shared = everything.fit(arm)
+        shared, alone = everything.fit(1.0), {name: everything[rows].fit(1.0) for name, rows in told.items()}
     except FrameFitError:
         return
-    for session, members in campaign.rows_by_session().items():
-        if np.count_nonzero(poses.complete[members]) < _TELLING_ROWS:
-            continue
-        own = everything[members].fit(arm)
-        sizes = [(robust_sigma(shared.position_residual_m[members]), own.position_scale_m, MM, "mm")]
+    for session, members in told.items():
+        own = alone[session]
+        sizes = [(robust_sigma(shared.position_residual_m[members]), own.position_scale_m, _SUSPECT_M, MM, "mm")]
         if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
             turned = robust_sigma(shared.rotation_residual_rad[members])
-            sizes.append((turned, own.rotation_scale_rad, MRAD, "mrad"))
-        if any(together > _TIMES_BETTER * alone for together, alone, _, _ in sizes):
-            one = " and ".join(f"{together / si:.3g} {unit}" for together, _, si, unit in sizes)
-            other = " and ".join(f"{alone / si:.3g} {unit}" for _, alone, si, unit in sizes)
+            sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, MRAD, "mrad"))
+        if any(before > max(least, _TIMES_BETTER * after) for before, after, least, _, _ in sizes):
+            one = " and ".join(f"{before / si:.3g} {unit}" for before, _, _, si, unit in sizes)
+            other = " and ".join(f"{after / si:.3g} {unit}" for _, after, _, si, unit in sizes)
             message = (
                 f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
                 f"its rows miss the robot by {one} a component, with one of its own by {other}"

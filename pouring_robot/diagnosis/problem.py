@@ -90,6 +90,7 @@ def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
     The unit is the stiffness that the loops are taken to have: as it is assumed, the joints' own is found.
     """
     _, stiffness = rows.conditions.robot.mechanism().loops.stiffness_si
-    turned = {name: moment / stiffness for name, moment in rows.conditions.joint_moments.items()}
+    moments = rows.conditions.joint_moments or {}
+    turned = {name: moment / stiffness for name, moment in moments.items()}
     column = Signatures(rows, [EffectParameter("softness", "rad/rad", 1.0, turned)], linear)
     return Explanation(SOFTNESS, "soft_joints", column, np.ones(1, dtype=bool), cause=False)

@@ -79,8 +79,8 @@ class Conditions:
     # what a newton of weight at tool and payload puts there, or would, (n, D), in N/N and Nm/N; None: nobody says where
     force_by_weight: FloatArray | None = None
     # moment that weight puts on each joint, by the local parameter that turns it, (n,), in Nm: on those of closed loops
-    # :attr:`weight_n` alone, on those of open chains that of the links, too
-    joint_moments: Mapping[str, FloatArray] = field(default_factory=dict)
+    # :attr:`weight_n` alone, on those of open chains that of the links, too; None: nobody says
+    joint_moments: Mapping[str, FloatArray] | None = None
     slides_m: Mapping[str, FloatArray] = field(default_factory=dict)  # nominal values of sliding joints, (n,), in m
     rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
     travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
@@ -348,12 +348,12 @@ def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:
 
 def _loads(
     facts: CampaignMetadata | LearnedCampaign, nominal: NominalRows, payload_kg: FloatArray | None
-) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray]]:
+) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray] | None]:
     """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
 
     Last, what they put on joints, by what turns these.
     """
-    own = {} if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
+    own = None if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
     tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
@@ -366,7 +366,7 @@ def _loads(
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
     carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T
-    moments = {name: moment + own.get(name, 0.0) for name, moment in zip(nominal.turns, carried, strict=True)}
+    moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 

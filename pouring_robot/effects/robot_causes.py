@@ -22,8 +22,8 @@ _USUAL_MOMENT_NM = 100.0
 """Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
-_NO_LIMITS_M = (-1.0, 1.0)
-"""Taken for the stroke of a slide of which the URDF says none."""
+_NO_LIMITS_M, _LONGEST_M = (-1.0, 1.0), 100.0
+"""Taken for the stroke of a slide whose limits are none, and from where on limits are."""
 Groups = Mapping[str, tuple[Drive, ...]]
 
 
@@ -89,12 +89,12 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
 
     A bearing is expected to be as soft as its drive; what carries drives, and slides, as the strongest of them.
     """
-    if mechanism.anchors:
+    axes = {joint: _axis(mechanism, joint) for joint in filter(None, engine_for(mechanism).structure.site_joints)}
+    if mechanism.anchors or not any(axis.any() for axis in axes.values()):
         return
     turning = tuple(drive for drive in robot.drives if drive.unit == "rad")
     strong = dict(zip((drive.joint for drive in turning), _strengths(robot, turning), strict=False))
     middle = np.exp(np.log(list(strong.values())).mean()) if strong else 1.0
-    axes = {joint: _axis(mechanism, joint) for joint in filter(None, engine_for(mechanism).structure.site_joints)}
     slides = {joint for joint in axes if mechanism.unit_of(joint) == "m"}
     tilts = {
         joint: "".join(n for n, share in zip("xyz", np.abs(axis), strict=True) if joint in slides or share < _ALONG)
@@ -102,8 +102,9 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
         if axis.any()
     }
     sizes = {joint: float(middle / strong.get(joint, max(strong.values(), default=1.0))) for joint in tilts}
-    said = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in slides}
-    ends = {joint: pair if pair[0] < pair[1] else _NO_LIMITS_M for joint, pair in said.items()}
+    moving = slides - {*mechanism.loops.locked_joints}
+    said = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in moving}
+    ends = {joint: pair if 0.0 < pair[1] - pair[0] < _LONGEST_M else _NO_LIMITS_M for joint, pair in said.items()}
     strokes = {joint: (0.5 * (first + last), 0.5 * (last - first)) for joint, (first, last) in ends.items()}
     story = "bearings and links give way: joints tilt under the moment of what they carry"
     options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
@@ -151,7 +152,7 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         axis = _axis(mechanism, joint)
         if axis.any():
             across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
-            tilts.append(AxisTilt(joint, across, zeros=_zeros(mechanism, joint, across)))
+            tilts.append(AxisTilt(joint, across, zeros=_zeros(robot, mechanism, joint, across)))
     return Placements(
         centres={"joints": places},
         tilts=tuple(tilts),
@@ -161,12 +162,12 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
     )
 
 
-def _zeros(mechanism: ClosedChainMechanism, joint: str, across: str) -> dict[str, str]:
-    """Return the turning joint before one, by the axis across that one that lies along the other's, if there is one."""
+def _zeros(robot: RobotDefinition, mechanism: ClosedChainMechanism, joint: str, across: str) -> dict[str, str]:
+    """Return the turning drive before a joint, if an axis across this one, by which it is said, lies along its own."""
     model = mechanism.shared_model
     number = model.getJointId(joint)
     before = model.names[model.parents[number]]
-    if not _axis(mechanism, before).any() or mechanism.unit_of(before) == "m":
+    if before not in {drive.joint for drive in robot.drives if drive.unit == "rad"}:
         return {}
     along = np.abs(model.jointPlacements[number].rotation.T @ _axis(mechanism, before))
     return {axis: before for axis, share in zip("xyz", along, strict=True) if axis in across and share > _ALONG}

@@ -38,7 +38,7 @@ class Split:
     test: Indices  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
     test_name: str  # the block's name
     folds: tuple[Indices, ...]  # blocks of the other rows; each validates what the others are fitted to
-    frames: FloatArray  # columns of the outer frames in all rows, (n, 6, k); zero where nothing was measured
+    told: tuple[FloatArray, ...]  # what each fold tells of the outer frames: inner products of their columns, (k, k)
 
     @property
     def train(self) -> Indices:
@@ -54,9 +54,10 @@ class Split:
         """
         pairs = []
         for k, fold in enumerate(self.folds):
-            others = self.folds[:k] if self.kind != "region" else (*self.folds[:k], *self.folds[k + 1 :])
-            if sum(rows.size for rows in others) >= FEWEST_ROWS and foretold(self.frames, np.concatenate(others), fold):
-                pairs.append((np.sort(np.concatenate(others)), fold))
+            others = [j for j in range(len(self.folds)) if j < k or (self.kind == "region" and j > k)]
+            rows = np.concatenate([np.zeros(0, dtype=np.intp), *(self.folds[j] for j in others)])
+            if rows.size >= FEWEST_ROWS and foretold([self.told[j] for j in others], self.told[k]):
+                pairs.append((np.sort(rows), fold))
         return tuple(pairs)
 
 
@@ -68,7 +69,8 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
     enough, else regions.
 
     Raises:
-        CalibrationError: there are too few rows, or each block alone tells where tracker or target stand.
+        CalibrationError: there are too few rows, or the last block, of regions each, alone tells where tracker and
+            target stand.
     """
     own_frames = campaign.metadata.own_frames
     if own_frames and hold_out in ("session", "time"):
@@ -82,11 +84,13 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
         parts = list(blocks(campaign, kind, left_out=left_out).items())
         last = parts[-1][1].size if parts else 0
         train = sum(rows.size for _, rows in parts[:-1])
+        told = [_inner_products(frames[rows]) for _, rows in parts]
         few = len(parts) < 3 or train < _FEWEST_TRAIN or last < _FEWEST_TEST
         for k in () if few else range(len(parts) - 1, -1 if kind == "region" else len(parts) - 2, -1):
-            (name, test), folds = parts[k], tuple(rows for _, rows in parts[:k] + parts[k + 1 :])
-            if test.size >= _FEWEST_TEST and foretold(frames, np.concatenate(folds), test):
-                return Split(kind, test, name, folds, frames)
+            others = [j for j in range(len(parts)) if j != k]
+            if parts[k][1].size >= _FEWEST_TEST and foretold([told[j] for j in others], told[k]):
+                folds, theirs = zip(*((parts[j][1], told[j]) for j in others), strict=True)
+                return Split(kind, parts[k][1], parts[k][0], folds, theirs)
     other = "" if kind == "region" else ", or choose --hold-out region"
     if few:
         raise CalibrationError(
@@ -95,21 +99,30 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
             f"measure more poses{other}",
         )
     raise CalibrationError(
-        f"no block by {kind} can be held out, as it alone tells where tracker and target stand against each other",
+        f"{'no block' if kind == 'region' else 'no last block'} by {kind} can be held out, as it alone tells where "
+        "tracker and target stand against each other",
         f"measure each attitude of the target in several places{other}",
     )
 
 
-def foretold(frames: FloatArray, known: Indices, asked: Indices) -> bool:
-    """Return whether some rows tell of the frames, by their columns (n, 6, k), what others need to be foretold.
+def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
+    """Return whether some blocks tell of the frames what another needs to be foretold, by what each tells, (k, k).
 
-    In every direction they have a share of :data:`KNOWN` of what both tell: of columns that are orthonormal over both a
-    singular value squared is a share of 1.
+    In every direction they have a share of :data:`KNOWN` of what both tell together.
     """
-    columns = frames[np.concatenate([known, asked])].reshape(-1, frames.shape[2])
-    axes, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    told = axes[: known.size * frames.shape[1], sizes > _RESOLUTION * sizes[0]]
-    return bool(np.linalg.svd(told, compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
+    known = np.sum(told, axis=0)
+    both = known + asked
+    sizes = np.sqrt(np.maximum(np.diag(both), 1e-300))  # metres and radians
+    squared, axes = np.linalg.eigh(both / sizes / sizes[:, None])
+    kept = squared > _RESOLUTION**2 * squared[-1]
+    axes = axes[:, kept] / np.sqrt(squared[kept])
+    share = axes.T @ (known / sizes / sizes[:, None]) @ axes
+    return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= KNOWN)
+
+
+def _inner_products(columns: FloatArray) -> FloatArray:
+    flat = columns.reshape(-1, columns.shape[2])
+    return np.asarray(flat.T @ flat)
 
 
 def blocks(

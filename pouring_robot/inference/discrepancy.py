@@ -315,7 +315,8 @@ class Discrepancy:
         if not chosen:
             return
         means, covariances = self._beside(chosen)[0].coefficients()
-        problem, first, whole = self.hypothesis.problem, len(self._own), self._explained(chosen, means)
+        problem, first, columns = self.hypothesis.problem, len(self._own), self.hypothesis.columns
+        whole = self._explained(chosen, means, columns)
         for one in chosen:
             own = slice(first, first := first + len(one.seen.projected))
             mean, covariance = one.amplitude * means[own], one.amplitude**2 * covariances[own, own]
@@ -330,14 +331,17 @@ class Discrepancy:
             others = [other for other in chosen if other is not one]
             beside, places = self._beside(others)
             worth = bayes_factor(*self._outside(beside, places, others, one.seen)).evidence
-            missed = problem.nuisance.cleared(whole - self._explained(others, beside.coefficients()[0]))
+            missed = problem.nuisance.cleared(whole - self._explained(others, beside.coefficients()[0], columns))
             facts = one.seen.process, one.seen.length, one.amplitude, worth
             yield Summand(*facts, size, part, missed, np.column_stack(movement), np.column_stack(std))
 
-    def _explained(self, chosen: Sequence[_Found], means: FloatArray) -> FloatArray:
-        """Return what the hypothesis and chosen processes explain together, (m,), by their coefficients (q + k,)."""
+    def _explained(self, chosen: Sequence[_Found], means: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return what the hypothesis and chosen processes explain together, (m,), by their coefficients (q + k,).
+
+        ``columns`` are those of the hypothesis, (m, q).
+        """
         at = len(self._own)
-        explained = self.hypothesis.columns @ (np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * means[:at])
+        explained = columns @ (np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * means[:at])
         for one in chosen:
             for piece in one.seen.parts:
                 own = one.amplitude * means[at : (at := at + piece.course.shape[1])]

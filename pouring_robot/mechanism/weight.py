@@ -61,13 +61,11 @@ def own_moments(mechanism: ClosedChainMechanism, configurations: FloatArray, joi
     That of all links behind a joint, about the origin and the axes of its placement, x, y and z joint by joint.
     """
     model = mechanism.shared_model
-    data, gravity = model.createData(), model.gravity.linear
-    numbers = [model.getJointId(name) for name in joints]
+    data, numbers = model.createData(), [model.getJointId(name) for name in joints]
     found = np.empty((len(configurations), len(joints), 3))
     for row, at in enumerate(configurations):
-        pin.centerOfMass(model, data, at, True)
-        for k, joint in enumerate(numbers):
-            placement = data.oMi[model.parents[joint]] * model.jointPlacements[joint]
-            arm = data.oMi[joint].act(data.com[joint]) - placement.translation
-            found[row, k] = placement.rotation.T @ np.cross(arm, data.mass[joint] * gravity)
+        pin.computeGeneralizedGravity(model, data, at)
+        for k, joint in enumerate(numbers):  # what holds up all behind it, seen before its own motion
+            moved = model.jointPlacements[joint].actInv(data.liMi[joint])
+            found[row, k] = -moved.act(data.f[joint]).angular
     return found.reshape(len(configurations), -1)

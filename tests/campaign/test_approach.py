@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign, from_the_row_before
+from pouring_robot.campaign.plan import approaches
 from pouring_robot.exceptions import CampaignFileError
 from tests.campaign.simulated import write_text
 
@@ -47,3 +48,26 @@ def test_what_the_table_says_counts_and_what_is_written_reads_the_same(tmp_path)
 def test_another_word_is_refused(tmp_path):
     with pytest.raises(CampaignFileError, match=r"drives\.approach"):
         Campaign.read(write_text(tmp_path, HEADER, ROWS, "drives: {approach: guess}\n"))
+
+
+def test_what_creeps_rises_and_falls():
+    """Steps far below what counts as standing still add up; a lost value does not make the others stand."""
+    way = np.concatenate([np.linspace(0.0, 1.0, 15_000), np.linspace(1.0, 0.0, 15_000)])[:, None]
+    sides = from_the_row_before(way)[:, 0]
+    assert np.isnan(sides[0])
+    assert (sides[10:15_000] == 1.0).all()
+    assert (sides[15_010:] == -1.0).all()
+    near = 0.5 + 3e-5 * np.array([[0.0], [1.0], [np.nan], [0.0], [-1.0]])
+    np.testing.assert_array_equal(from_the_row_before(near)[:, 0], [np.nan, 1.0, np.nan, np.nan, -1.0])
+
+
+def test_nobody_knows_where_the_first_of_a_session_came_from():
+    drives, sessions = np.array([[0.0], [1.0], [0.5], [0.7]]), ("a", "a", "b", "b")
+    np.testing.assert_array_equal(from_the_row_before(drives, None, sessions)[:, 0], [np.nan, 1.0, np.nan, 1.0])
+
+
+def test_a_plan_says_the_same(drawing):
+    """But that the first of all rose."""
+    drives = np.array([[0.5, 0.5, 0.5, 0.0], [0.6, 0.4, 0.5, 0.1], [0.6, 0.4, 0.5, 0.0]])
+    found = np.column_stack(list(approaches(drawing.model.definition, drives).values()))
+    np.testing.assert_array_equal(found, [[1, 1, 1, 1], [1, -1, 1, 1], [1, -1, 1, -1]])

@@ -1,14 +1,18 @@
 """Joints that tilt under what they carry: a mast that is drawn out by a joint of a branch of its own."""
 
+import json
+
 import numpy as np
 import pytest
 
 from pouring_robot import diagnose
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import write_text
 
 GRAVITY = 9.80665
@@ -60,10 +64,8 @@ def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
     np.testing.assert_allclose(given.joint_moments["rise.ry"], about_y, rtol=1e-9)
     effect = all_effects(campaign.robot)["joint_compliance"]
     parameters = {p.name: p for p in effect.form("rise_alone", given).parameters}
-    assert {name[:12] for name in parameters} == {
-        "rise.yield_x",
-        "rise.yield_y",
-    }  # about z nothing twists it
+    assert {name.partition("_by_")[0] for name in parameters} == {f"rise.yield_{axis}" for axis in "xyz"}
+    assert not parameters["rise.yield_z"].changes["rise.rz"].any()  # nothing twists it
     out = (given.slides_m["rise"] - 0.7) / 0.5
     for power, word in enumerate(("", "_by_stroke", "_by_stroke_squared")):
         change = parameters[f"rise.yield_y{word}"].changes["rise.ry"]
@@ -79,3 +81,51 @@ def test_a_mast_that_leans_is_named(campaign):
     for axis in "xy":
         soft = values[f"rise.yield_{axis}"]
         assert abs(soft.value - 1e3 * SOFT * load) < 4.0 * soft.std
+
+
+def test_the_model_found_holds_where_a_moment_vanishes(campaign, tmp_path, capsys):
+    """Straight ahead nothing turns the mast about x: the yield about that axis is there and makes nothing."""
+    diagnose(campaign, RobotModel.for_robot(campaign.robot.path)).save(tmp_path / "found")
+    leant = {}
+    for pan in ("0", "90"):
+        words = ["pose", "--model", str(tmp_path / "found" / "model.yaml"), "--drives", f"1000 {pan}", "--json"]
+        assert main(words) == 0
+        leant[pan] = json.loads(capsys.readouterr().out)
+    assert leant["0"] != leant["90"]
+
+
+PLANAR = """<robot name="planar"><link name="base"/>{links}<link name="tip"/>{joints}
+  <joint name="mount" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0.4 0 0"/></joint></robot>"""
+MASS = (
+    '<inertial><origin xyz="0.2 0 0"/><mass value="3"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+
+
+@pytest.mark.parametrize(("axis", "weighs", "acts"), [
+    ("0 1 0", (True, True), False),  # all moments are about the axes
+    ("0 0 1", (True, True), True),
+    ("0 0 1", (True, False), True),  # a link without mass at the end
+    ("0 0 1", (False, False), False),
+])  # fmt: skip
+def test_any_open_chain_is_diagnosed_with_or_without_masses(tmp_path, axis, weighs, acts):
+    masses = zip(("arm", "fore"), weighs, strict=True)
+    links = "".join(f'<link name="{name}">{MASS if heavy else ""}</link>' for name, heavy in masses)
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{0.4 * (parent != "base")} 0 0"/><axis xyz="{axis}"/></joint>'
+        for name, parent, child in (("one", "base", "arm"), ("two", "arm", "fore"))
+    )
+    (tmp_path / "planar.urdf").write_text(PLANAR.format(links=links, joints=joints), encoding="utf-8")
+    text = ROBOT.replace("mast", "planar").replace("ground", "base").replace("tool0", "tip")
+    (tmp_path / "robot.yaml").write_text(text.replace("lift", "one").replace("pan}", "two}"), encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    drives = np.random.default_rng(5).uniform(-2.0, 2.0, (40, 2))
+    places = np.array([robot.location_at(row).poses("tip")[0].translation for row in drives])
+    noisy = places + 5e-5 * np.random.default_rng(6).normal(size=places.shape)
+    rows = [",".join(map(repr, row)) for row in np.column_stack([drives, noisy]).tolist()]
+    table = write_text(tmp_path, "one_rad,two_rad,x_m,y_m,z_m", rows, "metrology: {sigma_position_mm: 0.05}\n")
+    found = diagnose(table, tmp_path / "robot.yaml")
+    assert found.verdict == "no_gap"
+    effect = all_effects(found.model.definition)["joint_compliance"]
+    assert effect.acts(found.diagnoser.rows.conditions) == acts

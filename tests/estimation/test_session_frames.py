@@ -128,6 +128,14 @@ def test_the_check_suggests_what_the_file_should_say():
     assert not [flag for flag in check_campaign(campaign, drawing) if flag.severity != Severity.NOTE]
 
 
+def test_data_without_noise_are_no_target_mounted_anew():
+    robot = robot_of(bare(MODELS["arm"]))
+    options = MeasurementOptions(1e-12, 1e-12, seed=3)
+    campaign = moved(simulate_campaign(robot, random_plan(robot, 90, 3), options).campaign, 3)
+    codes = {flag.code for flag in check_campaign(campaign, robot.model.definition.drawing())}
+    assert FlagCode.TARGET_MOVED not in codes
+
+
 def test_what_cannot_be_told_is_refused():
     campaign = measured("arm", 60, 5)
     few = dataclasses.replace(moved(campaign, 5), sessions=("a",) * 56 + ("b",) * 4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.splits import blocks, foretold, split
+from pouring_robot.estimation.splits import KNOWN, _frame_columns, _inner_products, blocks, foretold, split
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import damaged, write_text
@@ -106,7 +106,7 @@ def test_a_block_that_alone_tells_where_tracker_and_target_stand_is_not_held_out
     assert len(parts.folds) == 4
     assert len(parts.validations) == 3  # those rows judge nothing either
     assert not any(over[judged].any() for _, judged in parts.validations)
-    with pytest.raises(CalibrationError, match="no block by time can be held out, as it alone tells"):
+    with pytest.raises(CalibrationError, match="no last block by time can be held out, as it alone tells"):
         split(campaign, NONE, "time")
 
 
@@ -122,8 +122,22 @@ def test_sessions_with_frames_of_their_own_are_known_one_by_one(clean, where):
     sessions[where] = "b"
     metadata = clean.campaign.metadata.model_copy(update={"frames": "per session"})
     campaign = dataclasses.replace(clean.campaign, sessions=tuple(sessions.tolist()), metadata=metadata)
-    frames = split(campaign, NONE).frames
-    own = np.arange(60)[where]
+    frames, own = _frame_columns(campaign), np.zeros(60, dtype=bool)
+    own[where] = True
     assert frames.shape == (60, 6, 18)
-    assert not foretold(frames, np.setdiff1d(np.arange(60), own), own)
-    assert foretold(frames, np.arange(0, 60, 2), np.arange(1, 60, 2))
+    assert not foretold([_inner_products(frames[~own])], _inner_products(frames[own]))
+    assert foretold([_inner_products(frames[::2])], _inner_products(frames[1::2]))
+
+
+def test_a_share_is_that_of_the_least_known_direction():
+    """Of columns that are orthonormal over all rows a singular value squared is a share; what nobody tells is none."""
+    axes = np.linalg.qr(np.random.default_rng(2).normal(size=(40, 4)))[0]
+    known = set()
+    for rows in range(4, 40):
+        first, *_, second = np.array_split(axes[:rows], 2) if rows > 4 else (axes[:2], axes[2:4])
+        scaled = (part[:, None] * [1e3, 1.0, 1.0, 1e-3] for part in (first, second, axes[rows:]))
+        padded = [np.pad(_inner_products(part), ((0, 1), (0, 1))) for part in scaled]
+        share = np.linalg.svd(axes[:rows], compute_uv=False).min() ** 2
+        assert foretold(padded[:2], padded[2]) == (share >= KNOWN)
+        known.add(share >= KNOWN)
+    assert known == {False, True}

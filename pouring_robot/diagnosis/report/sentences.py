@@ -61,7 +61,7 @@ def headline(diagnosis: Conclusions) -> str:
         moved = diagnosis.rows.conditions.causes.words.moved
         said = scatter_text(diagnosis) or f"something moves the {moved} that no effect of the library explains"
         if diagnosis.remainder and not diagnosis.judgement.scatters:
-            said += f", by {max(item.size for item in diagnosis.remainder):.1f} times the noise"
+            said += f", by {diagnosis.remainder[0].size:.1f} times the noise"
         return f"UNKNOWN: {said}.{besides}"
     names = _names(diagnosis)
     # Who reads one sentence must not take the causes for the gap where joints make more of it.
@@ -145,8 +145,9 @@ def worse_sentence(diagnosis: Conclusions) -> str:
 def _in_turn_text(diagnosis: Conclusions) -> str:
     found, held_out = diagnosis.in_turn, diagnosis.held_out
     if found is None:
-        alone = held_out is not None and held_out.counts.sum() < FEWEST_VALUES and diagnosis.judgement.names
-        return " One block of so few rows tells little, and of the frames the others do not tell." if alone else ""
+        alone = held_out is not None and 0 < held_out.counts.sum() < FEWEST_VALUES and diagnosis.judgement.names
+        said = "each other block alone tells where tracker and target stand, so that none can be foretold"
+        return f" One block of so few rows tells little; {said}." if alone else ""
     before, after = (found.gap.position(which) / MM for which in ("before", "after"))
     turn, left_turn = (found.gap.rotation(which) / MRAD for which in ("before", "after"))
     turned = f"; {turn:.3f} mrad before, {left_turn:.3f} mrad after" if math.isfinite(turn) else ""

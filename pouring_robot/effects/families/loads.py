@@ -123,19 +123,19 @@ class Bearing(Family):
     shaped_by = ("weight_n",)
 
     def acts(self, conditions: Conditions) -> bool:
-        """Where what the joints carry has a moment, to what a drawing rounds off."""
-        sizes = (np.abs(moment).max(initial=0.0) for moment in conditions.joint_moments.values())
-        return max(sizes, default=0.0) > _LEAST * self.load
+        """Where what joints carry has a moment across their axes, to what a drawing rounds off."""
+        moments, across = conditions.joint_moments or {}, [f"{j}.r{axis}" for j in self.tilts for axis in self.tilts[j]]
+        return any(np.abs(moments[name]).max() > _LEAST * self.load for name in across if name in moments)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All joints, or one of them."""
         by_joint = {joint: tuple(self._of_joint(joint, conditions)) for joint in self.tilts}
-        alone = {f"{joint}_alone": found for joint, found in by_joint.items() if len(by_joint) > 1 and found}
+        alone = {f"{joint}_alone": found for joint, found in by_joint.items() if len(by_joint) > 1}
         every = tuple(p for found in by_joint.values() for p in found)
         return tuple(Form(name, found) for name, found in {"all": every, **alone}.items())
 
     def _of_joint(self, joint: str, conditions: Conditions) -> Iterator[EffectParameter]:
-        """Yield its tilts; one about an axis that nothing turns it about is none.
+        """Yield its tilts; that about an axis that nothing turns it about in these rows is zero.
 
         How much further a slide tilts the further it is out makes the effect as much as that it tilts at all: a beam
         that stands free for twice the length leans several times as far.
@@ -143,9 +143,7 @@ class Bearing(Family):
         unit, size = f"mrad {_at(self.load, 'Nm')}", self.sizes[joint]
         for axis in self.tilts[joint]:
             name, where = f"{joint}.yield_{axis}", f"{joint}.r{axis}"
-            moment = conditions.joint_moments[where] / self.load
-            if np.abs(moment).max() <= _LEAST:
-                continue
+            moment = (conditions.joint_moments or {})[where] / self.load
             yield EffectParameter(name, unit, size, {where: MRAD * moment}, bounds=(0.0, np.inf))
             if joint in self.strokes:
                 middle, half = self.strokes[joint]
