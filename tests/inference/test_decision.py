@@ -459,6 +459,10 @@ def test_small_errors_brought_to_light_are_no_cause():
     alone = judge(fitted({0: SURE}, [fit]), Left())
     assert (alone.verdict, alone.causes, len(alone.reasons)) == ("unknown", (), 1)
     assert "soft joints" in alone.reasons[0]
+    for share, verdict in ((0.9, "no_gap"), (1.1, "unknown")):  # of the noise
+        hypothesis = fitted({0: share * np.sqrt(len(axis(0)))}, [fit])
+        assert hypothesis.worth((0,)) > 5.0
+        assert judge(hypothesis, Left()).verdict == verdict
     beside = judge(fitted({0: SURE, 1: SURE}, [fit, explanation("a", axis(1))], 2), Left())
     assert (beside.verdict, effects(beside), beside.reasons) == ("named", ("a",), ())
 
