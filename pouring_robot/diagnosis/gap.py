@@ -128,16 +128,20 @@ class InTurn:
     agreed: int  # of how many blocks the others name what all fitted rows name
     found: Mapping[str, int]  # of how many the others find each effect among it
 
+    def times_found(self, cause: Cause) -> int:
+        """Return how many of the searches without a block find a cause, or what cannot be told apart from it."""
+        return min(sum(self.found.get(effect, 0) for effect in (cause.effect, *cause.alternatives)), self.blocks)
+
     def seldom(self, cause: Cause) -> bool:
-        """Return whether fewer than half of the searches without a block find a cause; of workmanship none is asked."""
-        return bool(cause.indices) and 2 * self.found.get(cause.effect, 0) < self.blocks
+        """Return whether fewer than half of these searches find a cause; of workmanship none is asked."""
+        return bool(cause.indices) and 2 * self.times_found(cause) < self.blocks
 
     def tempered(self, cause: Cause) -> Cause:
         """Return a cause no surer than its share of these searches says, if most do without it.
 
         By Laplace's rule of succession: of a cause that evidence is sure of, but that hangs on the rows of one block.
         """
-        share = (self.found.get(cause.effect, 0) + 1) / (self.blocks + 2)
+        share = (self.times_found(cause) + 1) / (self.blocks + 2)
         return replace(cause, probability=min(cause.probability, share)) if self.seldom(cause) else cause
 
     def metrics(self) -> dict[str, object]:

@@ -198,6 +198,8 @@ def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
     (cause,) = hot.judgement.causes
     share = (found.get("leg_thermal_expansion", 0) + 1) / 7
     assert turns.tempered(cause).probability == (share if said else cause.probability)
+    alike = replace(turns, found={**found, "other": 3})
+    assert not alike.seldom(replace(cause, alternatives=("other",)))
     workmanship = replace(cause, indices=())
     assert turns.tempered(workmanship) == workmanship
 

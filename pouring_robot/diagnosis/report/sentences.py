@@ -98,7 +98,7 @@ def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
     turns = diagnosis.in_turn
     if turns is None or not turns.seldom(cause):
         return ""
-    return f": found in {turns.found.get(cause.effect, 0)} of {turns.blocks} searches without a block"
+    return f": found in {turns.times_found(cause)} of {turns.blocks} searches without a block"
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
