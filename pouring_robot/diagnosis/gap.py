@@ -18,7 +18,7 @@ import numpy as np
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.estimation.instruments import LENGTHS, are, component_name, kinds_of
-from pouring_robot.estimation.splits import foretold
+from pouring_robot.estimation.splits import KNOWN
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
@@ -167,7 +167,8 @@ def held_out_in_turn(
     free = problem.nuisance.axes
 
     def told(block: BoolArray) -> bool:
-        return foretold([free[~block].T @ free[~block]], free[block].T @ free[block])
+        # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
+        return bool(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
 
     masks = {k: block for k, rows in enumerate(blocks) if told(block := np.isin(linear.row, rows))}
     if len(masks) < _FEWEST_BLOCKS:
@@ -180,15 +181,15 @@ def held_out_in_turn(
         found[block] = _unforeseen(left, free, block)
         named.append(effects)
     sigma, every = diagnoser.rows.measured.sigma, np.arange(len(diagnoser.rows))
-    kept = np.isin(every, np.concatenate([blocks[k] for k in masks]))
+    foretold = np.isin(every, np.concatenate([blocks[k] for k in masks]))
 
     def gap(rows: BoolArray) -> Gap:
         return Gap.between(replace(linear, residual=given), replace(linear, residual=found), rows, sigma)
 
-    fewer = np.array([gap(kept & ~np.isin(every, blocks[k])).position("after") for k in masks])
+    fewer = np.array([gap(foretold & ~np.isin(every, blocks[k])).position("after") for k in masks])
     error = float(np.sqrt((len(masks) - 1) * fewer.var()))
     agreed = sum(effects == names for effects in named)
-    return InTurn(len(masks), gap(kept), error, agreed, Counter(itertools.chain.from_iterable(named)))
+    return InTurn(len(masks), gap(foretold), error, agreed, Counter(itertools.chain.from_iterable(named)))
 
 
 def few(seen: WhitenedRows, fitted: BoolArray) -> bool:

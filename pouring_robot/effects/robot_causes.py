@@ -96,7 +96,11 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
     strong = dict(zip((drive.joint for drive in turning), _strengths(robot, turning), strict=False))
     middle = np.exp(np.log(list(strong.values())).mean()) if strong else 1.0
     slides = {joint for joint in axes if mechanism.unit_of(joint) == "m"}
-    tilts = {joint: "xyz" if joint in slides else _across(axis) for joint, axis in axes.items() if axis.any()}
+    tilts = {
+        joint: "".join(n for n, share in zip("xyz", np.abs(axis), strict=True) if joint in slides or share < _ALONG)
+        for joint, axis in axes.items()
+        if axis.any()
+    }
     sizes = {joint: float(middle / strong.get(joint, max(strong.values(), default=1.0))) for joint in tilts}
     moving = slides - {*mechanism.loops.locked_joints}
     said = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in moving}
@@ -147,7 +151,7 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
     for joint in axes:
         axis = _axis(mechanism, joint)
         if axis.any():
-            across = _across(axis)
+            across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
             tilts.append(AxisTilt(joint, across, zeros=_zeros(robot, mechanism, joint, across)))
     return Placements(
         centres={"joints": places},
@@ -156,11 +160,6 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         along=along,
         tolerances=robot.tolerances_file,
     )
-
-
-def _across(axis: Any) -> str:
-    """Return the axes of a placement across a joint's own axis in it, (3,)."""
-    return "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
 
 
 def _zeros(robot: RobotDefinition, mechanism: ClosedChainMechanism, joint: str, across: str) -> dict[str, str]:
