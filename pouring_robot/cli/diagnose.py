@@ -25,6 +25,13 @@ FalseNames = Annotated[
         "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
     ),
 ]
+MadeWithin = Annotated[
+    float | None,
+    options.opt(
+        "Joints are known to be made within this: mm, and mrad of their axes, standard deviations (default: found).",
+        metavar="MM",
+    ),
+]
 NextCount = Annotated[
     int, options.opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
 ]
@@ -38,6 +45,7 @@ def diagnose(
     exclude: Exclude = None,
     hold_out: options.HoldOutBy = "auto",
     false_names: FalseNames = 0.01,
+    made_within: MadeWithin = None,
     next_count: NextCount = 10,
     as_json: options.AsJson = False,
 ) -> None:
@@ -49,7 +57,11 @@ def diagnose(
 
     present = bundles.Which(model, robot).read()
     chosen = DiagnosisOptions(
-        exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count
+        exclude=tuple(dict.fromkeys(exclude or ())),
+        hold_out=hold_out,
+        false_names=false_names,
+        next_count=next_count,
+        made_within=made_within,
     )
     with progress.stage_bars() as show:
         show("reading", 0, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -61,12 +62,21 @@ class DiagnosisOptions:
     # rate of false names that is accepted where nothing is missing; every threshold of the evidence follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
     next_count: int = 10  # how many measurements to suggest
+    # standard deviation that places of joints, in mm, and directions of their axes, in mrad, are known not to exceed,
+    # of a machine in which nothing is wrong; None: it is found
+    made_within: float | None = None
 
     def __post_init__(self) -> None:
         count = whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
         expect(self.false_names, Real, "the rate of false names is a share between 0 and 1")
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
+        if self.made_within is not None:
+            said = "what joints are made within is a length in mm, more than 0"
+            expect(self.made_within, Real, said)
+            if not 0.0 < self.made_within < math.inf:
+                raise BadInputError(f"{said}, not {self.made_within:g}")
+            object.__setattr__(self, "made_within", float(self.made_within))
         for name, plain in {"next_count": count, "false_names": float(self.false_names)}.items():
             object.__setattr__(self, name, plain)  # the report's JSON takes no numbers of numpy's
 
@@ -216,7 +226,7 @@ class _Work:
         self.say("searching for effects", 0, 0)
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
         options = SearchOptions(false_names=self.options.false_names)
-        library, at = Library.of(rows, self.effects), None
+        library, at = Library.of(rows, self.effects, self.options.made_within), None
         for _ in range(_NOISE_ROUNDS):
             diagnoser, noise = Diagnoser(rows, library, fitted, options), rows.noise
             after, hypothesis = diagnoser.found(start, at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -24,9 +25,16 @@ class Library:
     # of the effects that may be named and that the campaign can test, by effect and form
     forms: Mapping[tuple[str, str], Form]
     workmanship: Mapping[str, Form]  # its kinds, by the effect that each is called when it is all there is
+    made_within: float | None = None  # what workmanship is known not to exceed, in the units of its parameters
 
     @classmethod
-    def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect], kept: Collection[tuple[str, str]] = ()) -> Library:
+    def of(
+        cls,
+        rows: CampaignRows,
+        chosen: Mapping[str, Effect],
+        made_within: float | None = None,
+        kept: Collection[tuple[str, str]] = (),
+    ) -> Library:
         """Return the library for a campaign, of effects that may be named, by id.
 
         Forms that are ``kept``, by effect and form, are there even if others make the same in these rows.
@@ -43,7 +51,8 @@ class Library:
         }
         effects = all_effects(given.robot)
         kinds = {name: effect.workmanship(given) for name, effect in effects.items()}
-        return cls(effects, forms, {name: Form(WORKMANSHIP_FORM, found) for name, found in kinds.items() if found})
+        workmanship = {name: Form(WORKMANSHIP_FORM, found) for name, found in kinds.items() if found}
+        return cls(effects, forms, workmanship, made_within)
 
     @property
     def every_form(self) -> dict[tuple[str, str], Form]:
@@ -67,7 +76,9 @@ def _distinct(effect: str, forms: Iterable[Form], kept: Collection[tuple[str, st
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:
     """Yield the kinds of workmanship with their columns in all equations."""
     for effect, form in library.workmanship.items():
-        yield Workmanship(effect, Signatures(rows, form.parameters, linear))
+        within = math.inf if library.made_within is None else library.made_within
+        most = within / min(p.prior_std for p in form.parameters)
+        yield Workmanship(effect, Signatures(rows, form.parameters, linear), most)
 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -94,6 +95,7 @@ class Workmanship:
 
     effect: str  # id of the effect that the same errors are called when they are all there is
     columns: Columns  # shape (m, k), times the size of a part that nobody has measured
+    most: float = math.inf  # known to be no larger than this, as a standard deviation of the coefficients
 
     @property
     def key(self) -> tuple[str, str]:

@@ -75,6 +75,22 @@ class Hypothesis:
         """Return which items are forms of an effect."""
         return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
 
+    @property
+    def _coarsest(self) -> tuple[int, ...]:
+        """The largest level of each kind of workmanship: the one that what is known of it does not exceed."""
+        known = self.problem.worked_out
+        if "coarsest" not in known:
+            most = [kind.most for kind in self.problem.workmanship]
+            found = np.searchsorted(WORKMANSHIP_LEVELS, most).clip(max=len(WORKMANSHIP_LEVELS) - 1)
+            known["coarsest"] = tuple(found.tolist())
+        levels: tuple[int, ...] = known["coarsest"]
+        return levels
+
+    @property
+    def coarsely_made(self) -> bool:
+        """Whether workmanship of some kind is larger than the likely one."""
+        return any(level > _LIKELY_LEVEL for level in self.levels)
+
     def workmanship(self) -> list[tuple[Indices, FloatArray]]:
         """Return places and weights of workmanship."""
         kinds = zip(self.problem.workmanship, self.levels, strict=True)
@@ -140,7 +156,8 @@ class Hypothesis:
 
     @property
     def _log_likelihood(self) -> float:
-        steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
+        known = zip(self.levels, self._coarsest, strict=True)
+        steps = [(level - min(_LIKELY_LEVEL, most)) / _LEVEL_SPREAD for level, most in known if level]
         prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
         return self.once("likelihood", lambda: self._beside_items.log_likelihood) + prior
 
@@ -239,7 +256,7 @@ class Hypothesis:
         for kind in kinds:
             choices = [
                 replace(best, levels=(*best.levels[:kind], level, *best.levels[kind + 1 :]))
-                for level in range(len(WORKMANSHIP_LEVELS))
+                for level in range(self._coarsest[kind] + 1)
             ]
             best = max(choices, key=lambda h: h.log_evidence)
         return best
@@ -255,7 +272,7 @@ class Hypothesis:
         best, improved = self, True
         while improved:
             improved = False
-            for levels in _neighbours(best.levels):
+            for levels in _neighbours(best.levels, self._coarsest):
                 other = replace(best, levels=levels)
                 if other._log_likelihood > best._log_likelihood + 1e-9:
                     best, improved = other, True
@@ -356,15 +373,15 @@ class Hypothesis:
 
 
 @functools.cache
-def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return the levels a step away, all together or one alone, none, and the likely ones.
+def _neighbours(levels: tuple[int, ...], coarsest: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Return the levels a step away, all together or one alone, none, and the likely ones; none above the coarsest.
 
     A machine is made with one care: its kinds of errors are at most a step apart, a factor of two.
     """
     if not levels:
         return []
-    alike = [level * np.ones(len(levels), dtype=int) for level in (0, _LIKELY_LEVEL)]
+    most = np.array(coarsest)
+    alike = [np.zeros(len(levels), dtype=int), np.minimum(_LIKELY_LEVEL, most)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
     found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
-    last = len(WORKMANSHIP_LEVELS) - 1
-    return [tuple(new.tolist()) for new in found if new.min() >= 0 and new.max() <= last and np.ptp(new) <= 1]
+    return [tuple(new.tolist()) for new in found if new.min() >= 0 and (new <= most).all() and np.ptp(new) <= 1]

@@ -4,6 +4,7 @@
     python -m scripts.benchmarks.blind_trials --cases 200 --kinds outside,confounded  # only some kinds of the same set
     python -m scripts.benchmarks.blind_trials --cases 300 --effects base_drift        # only cases with some effect
     python -m scripts.benchmarks.blind_trials --folder ../campaigns                   # folders with truth.json
+    python -m scripts.benchmarks.blind_trials --folder D --told                       # … told how joints are made
     python -m scripts.benchmarks.blind_trials --records a.json b.json --plot p.png    # figures again, no diagnosis
 
 Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
@@ -60,6 +61,7 @@ class Job:
         far: whether the rig's tracker stands far away.
         wide: whether rows, noise and workmanship vary as from shop to shop.
         exclude: whether a strong single is diagnosed without its effect, too.
+        told: whether the diagnosis is told how well the joints are made, as the truth says.
         effects: only campaigns with one of these effects; all if empty.
     """
 
@@ -70,6 +72,7 @@ class Job:
     far: bool = False
     wide: bool = False
     exclude: bool = True
+    told: bool = False
     effects: frozenset[str] = frozenset()
 
 
@@ -77,7 +80,9 @@ def run(job: Job) -> list[Trial]:
     """Diagnose one campaign."""
     if job.folder is not None:
         truth = json.loads((job.folder / "truth.json").read_text(encoding="utf-8"))
-        return trials_of(job.folder, job.name, exclude=job.exclude) if _wanted(job, truth["effects"]) else []
+        if not _wanted(job, truth["effects"]):
+            return []
+        return trials_of(job.folder, job.name, exclude=job.exclude, told=job.told)
     campaign = case(job.number, job.seed, job.far, job.wide)
     return rig_trials(campaign, job.name, exclude=job.exclude) if _wanted(job, campaign.truth["effects"]) else []
 
@@ -111,7 +116,7 @@ def jobs(options: argparse.Namespace) -> list[Job]:
         ]
     found = sorted(path.parent for path in options.folder.glob("*/truth.json"))
     return [
-        Job(folder.name, folder, exclude=not options.no_exclude, effects=effects)
+        Job(folder.name, folder, exclude=not options.no_exclude, told=options.told, effects=effects)
         for folder in found
         if not kinds or json.loads((folder / "truth.json").read_text(encoding="utf-8"))["kind"] in kinds
     ]
@@ -177,6 +182,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kinds", default="", help="only these, by commas: null,single,pair,outside,confounded")
     parser.add_argument("--effects", default="", help="only campaigns with one of these effects, by commas")
     parser.add_argument("--no-exclude", action="store_true", help="no second run without the true effect")
+    parser.add_argument("--told", action="store_true", help="of a folder: say how well joints are made, as its truth")
     parser.add_argument("--workers", type=int, default=2, help="processes (2)")
     parser.add_argument("--json", type=Path, help="write the records here")
     parser.add_argument("--records", type=Path, nargs="+", help="read records instead of diagnosing")

@@ -13,6 +13,10 @@ from pouring_robot.robot.parameters import ParameterCatalogue
         (DiagnosisOptions, {"false_names": "a"}),
         (DiagnosisOptions, {"false_names": 1.0}),
         (DiagnosisOptions, {"next_count": -3}),
+        (DiagnosisOptions, {"made_within": 0.0}),
+        (DiagnosisOptions, {"made_within": float("nan")}),
+        (DiagnosisOptions, {"made_within": float("inf")}),
+        (DiagnosisOptions, {"made_within": "fine"}),
         (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
     ],
 )

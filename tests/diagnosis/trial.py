@@ -189,12 +189,16 @@ class Trial:
         return cls(**values)
 
 
-def trials_of(folder: Path, name: str, *, exclude: bool = True) -> list[Trial]:
-    """Diagnose a written campaign; a strong single effect once more with that effect taken out of the library."""
+def trials_of(folder: Path, name: str, *, exclude: bool = True, told: bool = False) -> list[Trial]:
+    """Diagnose a written campaign; a strong single effect once more with that effect taken out of the library.
+
+    If ``told``, the diagnosis knows how well the machine's joints are made: the truth has to say it.
+    """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    found = [trial_of(folder, name, truth)]
+    made_within = truth["workmanship"]["centres_sd_mm"] if told else None
+    found = [trial_of(folder, name, truth, DiagnosisOptions(made_within=made_within))]
     if exclude and truth["kind"] == "single" and found[0].ratios[0] >= STRONG:
-        found.append(trial_of(folder, name, truth, found[0].hidden[0]))
+        found.append(trial_of(folder, name, truth, DiagnosisOptions(found[0].hidden, made_within=made_within)))
     return found
 
 
@@ -204,7 +208,7 @@ def rig_trials(campaign: Campaign, name: str, *, exclude: bool = True) -> list[T
         return trials_of(write_case(Path(scratch), campaign), name, exclude=exclude)
 
 
-def trial_of(folder: Path, name: str, truth: dict[str, Any], excluded: str = "") -> Trial:
+def trial_of(folder: Path, name: str, truth: dict[str, Any], options: DiagnosisOptions) -> Trial:
     """Diagnose a written campaign and keep what was said. A refusal and a crash are kept, too."""
     hidden = truth["effects"]
     seed = truth.get("seed", ())
@@ -217,13 +221,13 @@ def trial_of(folder: Path, name: str, truth: dict[str, Any], excluded: str = "")
         "ratios": tuple(float(e["ratio_to_noise"]) for e in hidden),
         "accept": tuple(truth.get("accept", ())),
         "workmanship": bool(truth.get("background", False)),
-        "excluded": excluded,
+        "excluded": "".join(options.exclude),
     }
     started = time.perf_counter()
     try:
         campaign = MeasuredCampaign.read(folder / "campaign.csv")
         started = time.perf_counter()
-        found = diagnose(campaign, options=DiagnosisOptions(exclude=(excluded,) if excluded else ()))
+        found = diagnose(campaign, options=options)
     except PouringRobotError as problem:
         return Trial(**known, seconds=time.perf_counter() - started, refused=str(problem))
     except Exception:  # a crash is a result of the benchmark, and must not end it

@@ -198,6 +198,22 @@ def test_workmanship_is_seen_only_where_there_is_any(rng):
     assert not any(item.cause for item in found.items)
 
 
+@pytest.mark.parametrize(
+    ("most", "coarsest"), [(1 / 64, 1 / 64), (0.9 / 64, 1 / 64), (1.1 / 64, 1 / 32), (1e-4, 1 / 512)]
+)
+def test_workmanship_is_no_coarser_than_what_is_known_of_it(rng, most, coarsest):
+    """Errors of an eighth: all levels are tried up to the first that what is known does not exceed."""
+    columns = 64.0 * rng.normal(size=(60, 8))
+    kinds = Workmanship("known", columns, most), Workmanship("not there", 64.0 * rng.normal(size=(60, 8)))
+    residual = rng.normal(size=60) + columns @ rng.normal(size=8) / 8.0
+    found = Hypothesis.nothing(problem(residual, [], kinds))
+    assert WORKMANSHIP_LEVELS[found.levels[0]] == coarsest
+    assert WORKMANSHIP_LEVELS[found.with_levels_of((0,)).levels[0]] == coarsest
+    free = Hypothesis.nothing(problem(residual, [], (Workmanship("free", columns), kinds[1])))
+    assert WORKMANSHIP_LEVELS[free.levels[0]] >= 1 / 16
+    assert free.coarsely_made
+
+
 def test_changing_items(rng):
     items = library(rng)[:6:2]
     built = problem(planted(rng, items, [3.0, 3.0, 3.0]), items)

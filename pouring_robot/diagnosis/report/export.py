@@ -140,6 +140,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             "by_chance_nats": asked.by_chance,  # what chance alone makes of an effect in this campaign
             "draws": CHANCE_DRAWS,
             "seed": CHANCE_SEED,
+            "made_within": diagnosis.diagnoser.library.made_within,
         },
         "rows": {
             "all": len(diagnosis.campaign),

@@ -329,6 +329,12 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
         lines += [f"could be there and not show: {name}; {way}" for name, way in ways.items()]
     elif not diagnosis.judgement.scatters:
         lines += _measurement_lines(diagnosis)
+    unlimited = diagnosis.diagnoser.library.made_within is None
+    if unlimited and diagnosis.judgement.names and diagnosis.hypothesis.coarsely_made:
+        lines.append(
+            "joints look more coarsely made than is usual, and a cause may hide in that; if they are known to be made "
+            "better, say how well (--made-within)"
+        )
     if diagnosis.noise.from_residuals:
         lines.append(
             "state the noise of the measuring device (metrology in the YAML), or measure some poses three times"

@@ -159,7 +159,7 @@ class Prospect:
         known = diagnosis.diagnoser.library
         tried = {effect for effect, _ in known.forms}
         chosen = {name: effect for name, effect in known.effects.items() if name in tried}
-        library = Library.of(rows, chosen, diagnosis.hypothesis.keys)
+        library = Library.of(rows, chosen, known.made_within, diagnosis.hypothesis.keys)
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
