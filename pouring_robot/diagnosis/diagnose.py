@@ -39,7 +39,7 @@ from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import Indices
+from pouring_robot.mechanism.arrays import Indices, rms
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
@@ -251,7 +251,7 @@ class _Work:
         known = not rows.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
-        misfit = _misfit(rows, before.linear)
+        misfit = _misfit(rows, before.linear) or _unsettled(after, hypothesis)
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
@@ -324,6 +324,20 @@ def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
         noise_known=not rows.noise.from_residuals,
         noise_freedoms=rows.noise.freedoms,
     )
+
+
+def _unsettled(after: LinearState, hypothesis: Hypothesis) -> str:
+    """Return that causes, put into the robot, do not do what they were found for, in words; "" where they do.
+
+    So large that what is linear of them tells nothing, they are where the search gave up, and nothing that is at work.
+    """
+    beside = [hypothesis.part(k) for k, item in enumerate(hypothesis.items) if not item.cause]
+    left = hypothesis.problem.nuisance.cleared(after.linear.residual)
+    foretold = hypothesis.remainder + sum(beside, np.zeros(left.size))
+    if len(beside) == len(hypothesis.items) or rms(left - foretold) < DEFAULT_THRESHOLDS.structure_size:
+        return ""
+    sizes = f"{rms(left):.1f} times the noise, where {rms(foretold):.1f} times was foretold"
+    return f"what was found leaves, put into the robot and closed exactly, {sizes}: it is too large to be believed"
 
 
 def _misfit(rows: CampaignRows, linear: LinearRows) -> str:

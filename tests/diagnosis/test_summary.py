@@ -14,7 +14,7 @@ from pouring_robot.checks.flags import FlagCode, found
 from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
+from pouring_robot.diagnosis.diagnose import _free_residuals, _unsettled, diagnose
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap, InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -156,6 +156,15 @@ def test_no_gap_names_nothing(nothing):
     assert diagnosis_metrics(nothing, "m")["effects"] == []
     assert "closed" not in gap_sentence(nothing)
     assert "which effect" not in dict(sections(nothing))
+
+
+def test_causes_do_in_the_robot_what_they_were_found_for(hot):
+    """The state that the diagnosis ends with leaves what is foretold; the given model leaves the whole gap."""
+    ended = hot.diagnoser._state(hot.after.parameters, hot.after.values, hot.after.frames)
+    assert _unsettled(ended, hot.hypothesis) == ""
+    said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis)
+    assert "too large to be believed" in said
+    assert float(said.split(" times the noise")[0].split()[-1]) > 1.5
 
 
 def test_what_may_not_be_named_is_unknown_and_described(excluded):
