@@ -64,13 +64,13 @@ class Findings:
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:
-        """Effects that nothing explains better."""
-        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.beaten)
+        """Effects that are no part of anything unknown."""
+        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.nearest)
 
     @property
     def nearest(self) -> tuple[NamedEffect, ...]:
-        """Effects that are only the nearest to something unknown: a description without a cause explains better."""
-        return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
+        """Effects that may only be the nearest to something unknown: descriptions explain better, or nearly as well."""
+        return tuple(e for e in self.effects if e.cause.effect in self.judgement.nearest)
 
     @functools.cached_property
     def noise_left(self) -> NoiseLevel | None:

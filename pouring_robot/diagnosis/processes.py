@@ -264,11 +264,16 @@ def _tilt(inside: Inside, parameter: EffectParameter) -> Channel:
 
 def _constant(inside: Inside, places: Places) -> Iterator[Process]:
     """Yield what stands off by a constant: drives, places of joints, axes."""
-    given, one = places.given, {"": _USUAL * np.ones((len(places.given), 1))}
-    yield _moved(DRIVES, CONSTANT, places.drives, one)
+    given, placements = places.given, places.given.causes.placements
+
+    def still(where: str, channels: Iterable[Channel], said_by: frozenset[str]) -> Process:
+        return replace(_moved(where, CONSTANT, channels, {"": _USUAL * np.ones((len(given), 1))}), same_as=said_by)
+
+    zeros = {drive: _of_family(given, drive.joint, "zero") for drive in given.robot.drives}
+    yield still(DRIVES, places.drives, frozenset.intersection(*zeros.values()))
     for drive, own in zip(given.robot.drives, places.drives, strict=True):
-        yield _moved(drive.joint, CONSTANT, [own], one)
-    placements = given.causes.placements
+        yield still(drive.joint, [own], zeros[drive])
+    displaced, tilted = _of_family(given, "", "centres", "placement"), _of_family(given, "", "tilts", "placement")
     centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(given).items()}
     several = placements.centres if len(placements.centres) > 1 else {}
     groups = {
@@ -277,15 +282,20 @@ def _constant(inside: Inside, places: Places) -> Iterator[Process]:
         **{f"joint centre {joint}": [joint] for joint in centres},
     }
     for where, joints in groups.items():
-        yield _moved(where, CONSTANT, [inside(name) for j in joints for name in centres[j]], one)
+        yield still(where, [inside(name) for j in joints for name in centres[j]], displaced)
     tilts = {joint: [_tilt(inside, p) for p in found] for joint, found in axis_parameters(given).items()}
     if tilts:
-        yield _moved("joint axes", CONSTANT, [c for found in tilts.values() for c in found], one)
+        yield still("joint axes", [c for found in tilts.values() for c in found], tilted)
     for where, axes in placements.axis_groups.items():
-        yield _moved(where, CONSTANT, [c for joint, found in tilts.items() if joint in axes for c in found], one)
+        yield still(where, [c for joint, found in tilts.items() if joint in axes for c in found], tilted)
     if placements.twists:
-        twists = [inside(f"{joint}.rz") for joint in placements.twists.values()]
-        yield _moved(placements.twist_words, CONSTANT, twists, one)
+        yield still(placements.twist_words, [inside(f"{j}.rz") for j in placements.twists.values()], tilted)
+
+
+def _of_family(given: Conditions, drive: str, *families: str) -> frozenset[str]:
+    """Return the effects of some families, of a drive by its joint or, where that is "", of any."""
+    entries = (e for e in given.causes.entries if e.family in families)
+    return frozenset(e.id for e in entries if not drive or drive in e.options["drives"])
 
 
 def _joints(inside: Inside, given: Conditions) -> Iterator[Process]:

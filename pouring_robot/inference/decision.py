@@ -90,6 +90,8 @@ class Judgement:
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
     scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
+    # effects that, beside something unknown, processes together would explain nearly as well in their place
+    doubtful: tuple[str, ...] = ()
 
     @property
     def names(self) -> bool:
@@ -118,6 +120,11 @@ class Judgement:
     def beaten(self) -> dict[str, Challenge]:
         """Effects that are only the nearest to something unknown, with the process that explains better."""
         return {c.effect: found for c, found in self.challenged if found.margin > self.least_evidence}
+
+    @property
+    def nearest(self) -> frozenset[str]:
+        """Effects that may only stand in for something unknown."""
+        return frozenset((*self.beaten, *self.doubtful))
 
 
 def judge(
@@ -157,10 +164,14 @@ def judge(
     minor = tuple(effect for effect in effects if effect not in at_work)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
+    beside = discrepancy
     if noise_known and (found.clear_structures or found.beaten):
-        found = _as_noise(discrepancy, found)
+        found, beside = _as_noise(discrepancy, found)
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
+    if reasons:
+        found = _beside_something_unknown(beside, found)
+        causes = [*found.causes]
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -176,23 +187,42 @@ def judge(
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
 
 
-def _as_noise(discrepancy: Discrepancy, found: Judgement) -> Judgement:
+def _beside_something_unknown(discrepancy: Discrepancy, found: Judgement) -> Judgement:
+    """Return the same, with what is sure of its causes: not what processes in their place explain nearly as well.
+
+    Where something is unknown it is for a cause to show that it is not a part of that.
+    """
+    least, sure = found.thresholds.least_evidence(1), 1.0 - found.thresholds.false_names
+    causes, doubtful = list[Cause](), list[str]()
+    for cause, challenge in found.challenged:
+        lead = -challenge.margin
+        if cause.effect not in found.beaten:
+            lead = discrepancy.lead(cause.indices, found.least_evidence, _MOST_PARTS)
+            doubtful += [cause.effect] if lead < least else []
+        causes.append(replace(cause, probability=min(cause.probability, sure * float(expit(lead)))))
+    return replace(found, causes=tuple(causes), doubtful=tuple(doubtful))
+
+
+def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:
     """Return the same judged under a larger noise, where with that nothing is left that any process explains.
+
+    And what processes find under it.
 
     What it leaves no evidence for is no cause.
     """
     factor, evidence = discrepancy.noise()
     if evidence <= found.least_evidence:
-        return found
+        return found, discrepancy
     under = discrepancy.under(factor)
     left = tuple(under.structures())
     if any(structure.evidence > found.least_evidence for structure in left):
-        return found
+        return found, discrepancy
     least = found.thresholds.least_evidence(1)
     causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
     minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
     challenges = tuple(under.challenge(cause.indices) for cause in causes)
-    return replace(found, causes=causes, structures=left, challenges=challenges, minor=minor, scatters=True)
+    judged = replace(found, causes=causes, structures=left, challenges=challenges, minor=minor, scatters=True)
+    return judged, under
 
 
 def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:

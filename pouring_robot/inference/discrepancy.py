@@ -73,6 +73,7 @@ class _Seen:
     inner: FloatArray  # of its columns with each other beside those, (k, k)
     projected: FloatArray  # of its columns with the residual, (k,)
     shared: FloatArray  # of the columns of a hypothesis with its own, (q, k)
+    factor: float = 1.0  # how many times as large the noise is as that over which its parts are
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -94,7 +95,9 @@ class _Seen:
     def under(self, factor: float) -> _Seen:
         """Return the same where the noise is so many times as large."""
         inner, projected, shared = (own / factor**2 for own in (self.inner, self.projected, self.shared))
-        return replace(self, absorbed=self.absorbed / factor, inner=inner, projected=projected, shared=shared)
+        return replace(
+            self, absorbed=self.absorbed / factor, inner=inner, projected=projected, shared=shared, factor=factor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +137,30 @@ class Discrepancy:
             for process in processes
         }
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
+        self._less: dict[tuple[int, ...], Discrepancy] = {}
+        self._sums: dict[tuple[float, int], list[_Found]] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
+
+    def without(self, indices: Sequence[int]) -> Discrepancy:
+        """Return the same beside the hypothesis without a cause, by indices of the items that make it."""
+        if tuple(indices) not in self._less:
+            again = self._beside_another(self.hypothesis.without(indices))
+            places = again.hypothesis.everything.places.tolist()
+            own = np.array([self._own[k] for k in places], dtype=np.intp)
+            again._own = dict(zip(places, range(len(places)), strict=True))
+            again._seen = {
+                name: [replace(one, shared=one.shared[own]) for one in lengths] for name, lengths in self._seen.items()
+            }
+            self._less[tuple(indices)] = again
+        return self._less[tuple(indices)]
+
+    def _beside_another(self, hypothesis: Hypothesis) -> Discrepancy:
+        again = copy.copy(self)
+        again.hypothesis, again._known, again._less, again._sums = hypothesis, {}, {}, {}
+        vars(again).pop("_alone", None)
+        return again
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
         """Return the process that would explain best in the place of a cause, by indices of the items that make it.
@@ -144,15 +168,12 @@ class Discrepancy:
         A cause that is the right one beats processes, which are less specific. Where a process is clearly better, the
         cause is only the nearest neighbour of what is at work.
         """
-        rest, own_worth = self.hypothesis.without(indices), self.hypothesis.worth(indices)
         effects = {self.hypothesis.items[k].effect for k in indices}
-        own = np.array([self._own[k] for k in rest.everything.places.tolist()], dtype=np.intp)
-        best = Challenge(_NOTHING, -np.inf)
-        for found in self._tried(rest.everything, own):
-            margin = found.evidence - own_worth
-            if margin > best.margin and not effects & found.seen.process.same_as:
-                best = Challenge(found.seen.process, margin)
-        return best
+        others = [found for found in self.without(indices)._alone if not effects & found.seen.process.same_as]
+        if not others:
+            return Challenge(_NOTHING, -np.inf)
+        best = max(others, key=lambda found: found.evidence)
+        return Challenge(best.seen.process, best.evidence - self.hypothesis.worth(indices))
 
     def noise(self) -> tuple[float, float]:
         """Return how many times as large the noise would be, and the log evidence for that in nats.
@@ -170,12 +191,9 @@ class Discrepancy:
         return float(_FACTORS[np.argmax(densities)]), float(evidence)
 
     def under(self, factor: float) -> Discrepancy:
-        """Return the same where the noise is so many times as large: what single processes find, and in whose place."""
-        again = copy.copy(self)
-        again.hypothesis = self.hypothesis.under(factor)
+        """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
+        again = self._beside_another(self.hypothesis.under(factor))
         again._seen = {name: [one.under(factor) for one in lengths] for name, lengths in self._seen.items()}
-        again._known = {}
-        vars(again).pop("_alone", None)
         return again
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
@@ -192,6 +210,29 @@ class Discrepancy:
 
         They are added one by one, and left out again where they are not worth so many nats beside the others.
         """
+        return sorted(self._summands(self._chosen(least_evidence, most)), key=lambda summand: -summand.size)
+
+    def lead(self, indices: Sequence[int], least_evidence: float, most: int) -> float:
+        """Return by how much a cause explains better than processes in its place, in nats, beside what is unknown.
+
+        That is a sum of processes, so many at most, and in the cause's place of one more: those that say the same, too,
+        as a constant error may be the mean of what is unknown.
+        """
+        beside = self._worth(self._chosen(least_evidence, most))
+        rest = self.without(indices)
+        return self.hypothesis.worth(indices) + beside - rest._worth(rest._chosen(least_evidence, most + 1))
+
+    def _worth(self, chosen: Sequence[_Found]) -> float:
+        """Return the log evidence for processes together, in nats, each beside those before it."""
+        before = [(one.name, list(chosen[:k])) for k, one in enumerate(chosen)]
+        return sum(self._found(self._seen[name], *self._beside(those), those).evidence for name, those in before)
+
+    def _chosen(self, least_evidence: float, most: int) -> list[_Found]:
+        if (least_evidence, most) not in self._sums:
+            self._sums[least_evidence, most] = self._greedy(least_evidence, most)
+        return self._sums[least_evidence, most]
+
+    def _greedy(self, least_evidence: float, most: int) -> list[_Found]:
         chosen: list[_Found] = []
         tried = {one.name: one for one in self._alone}
         while len(chosen) < most:
@@ -201,7 +242,7 @@ class Discrepancy:
             chosen = self._settled([*chosen, best], least_evidence)
             if best.name not in {one.name for one in chosen}:
                 break
-        return sorted(self._summands(chosen), key=lambda summand: -summand.size)
+        return chosen
 
     def _best(self, tried: dict[str, _Found], chosen: Sequence[_Found], least_evidence: float) -> _Found | None:
         """Return the process that is worth most beside the chosen ones, if it is worth enough.
@@ -288,7 +329,8 @@ class Discrepancy:
         if (other, one) in self._known:
             return self._known[other, one].T
         if (one, other) not in self._known:
-            self._known[one, other] = between(one.parts, other.parts) - one.absorbed.T @ other.absorbed
+            whole = between(one.parts, other.parts) / (one.factor * other.factor)
+            self._known[one, other] = whole - one.absorbed.T @ other.absorbed
         return self._known[one, other]
 
     def _beside(self, chosen: Sequence[_Found]) -> tuple[Beside, Indices]:

@@ -246,14 +246,15 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.verdict != "unknown":
         return []
     lines = [item.sentence for item in diagnosis.remainder]
-    beaten: dict[str, list[str]] = {}
-    names = {e.cause.effect for e in diagnosis.nearest}
-    for cause, found in diagnosis.judgement.challenged:
-        if cause.effect in names:
-            beaten.setdefault(found.process.words, []).append(cause.effect)
-    for better, effects in beaten.items():
+    better: dict[str, list[str]] = {}
+    for effect, found in diagnosis.judgement.beaten.items():
+        better.setdefault(found.process.words, []).append(effect)
+    for words, effects in better.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
-        lines.append(f"{', '.join(effects)} {are} but not it: '{better}' describes the data better")
+        lines.append(f"{', '.join(effects)} {are} but not it: '{words}' describes the data better")
+    if diagnosis.judgement.doubtful:
+        doubtful = ", ".join(diagnosis.judgement.doubtful)
+        lines.append(f"{doubtful}: at work, or a part of it; descriptions in its place explain nearly as well")
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
