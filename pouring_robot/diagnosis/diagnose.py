@@ -97,7 +97,8 @@ class Diagnosis(Conclusions, Result):
         rows = []
         for e in self.effects:
             cause = e.cause
-            said = cause.effect, cause.form, ", ".join(cause.alternatives), e in self.firm, cause.probability
+            firm = e in self.firm
+            said = cause.effect, cause.form, ", ".join(cause.alternatives), firm, cause.probability if firm else np.nan
             rows += [(*said, name, p.value, p.std, p.parameter.unit) for name, p in self.parameters_of(e)]
         return pd.DataFrame(rows, columns=columns)
 
@@ -251,7 +252,8 @@ class _Work:
         known = not rows.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
-        misfit = _misfit(rows, before.linear) or _unsettled(after, hypothesis)
+        unsettled = _unsettled(after, hypothesis)
+        misfit = _misfit(rows, before.linear) or unsettled
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
@@ -303,12 +305,10 @@ class _Work:
             notes=(*found.notes, *(f"assumed: {line}" for line in given.assumed), *rows.untold),
             next_count=self.options.next_count,
         )
-        if not (diagnosis.refused and judgement.names):
-            return diagnosis
-        # What no model can hold is no cause, however well it explains.
-        why = diagnosis.refused
-        reasons = (why, *(line for line in judgement.reasons if line != misfit))
-        return replace(diagnosis, misfit=why, judgement=replace(judgement, verdict="unknown", reasons=reasons))
+        # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
+        if diagnosis.refused and judgement.names:
+            return replace(diagnosis, misfit=diagnosis.refused, judgement=judgement.disbelieved(diagnosis.refused))
+        return replace(diagnosis, judgement=judgement.disbelieved(unsettled)) if unsettled else diagnosis
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:

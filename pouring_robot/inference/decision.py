@@ -90,7 +90,7 @@ class Judgement:
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
     scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
-    # effects that, beside something unknown, processes together would explain nearly as well in their place
+    # effects that may be a part of something unknown: processes together would explain nearly as well in their place
     doubtful: tuple[str, ...] = ()
 
     @property
@@ -125,6 +125,12 @@ class Judgement:
     def nearest(self) -> frozenset[str]:
         """Effects that may only stand in for something unknown."""
         return frozenset((*self.beaten, *self.doubtful))
+
+    def disbelieved(self, why: str) -> Judgement:
+        """Return the same with no cause that is sure, as something is wrong with all of them."""
+        reasons = (why, *(line for line in self.reasons if line != why))
+        doubtful = tuple(cause.effect for cause in self.causes)
+        return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful)
 
 
 def judge(
@@ -170,8 +176,7 @@ def judge(
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
-        found = _beside_something_unknown(beside, found)
-        causes = [*found.causes]
+        found = replace(found, doubtful=_doubtful(beside, found))
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -187,20 +192,14 @@ def judge(
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
 
 
-def _beside_something_unknown(discrepancy: Discrepancy, found: Judgement) -> Judgement:
-    """Return the same, with what is sure of its causes: not what processes in their place explain nearly as well.
+def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
+    """Return the effects that processes in their place explain nearly as well, where something is unknown.
 
-    Where something is unknown it is for a cause to show that it is not a part of that.
+    There it is for a cause to show that it is no part of that.
     """
-    least, sure = found.thresholds.least_evidence(1), 1.0 - found.thresholds.false_names
-    causes, doubtful = list[Cause](), list[str]()
-    for cause, challenge in found.challenged:
-        lead = -challenge.margin
-        if cause.effect not in found.beaten:
-            lead = discrepancy.lead(cause.indices, found.least_evidence, _MOST_PARTS)
-            doubtful += [cause.effect] if lead < least else []
-        causes.append(replace(cause, probability=min(cause.probability, sure * float(expit(lead)))))
-    return replace(found, causes=tuple(causes), doubtful=tuple(doubtful))
+    least, asked = found.thresholds.least_evidence(1), (found.least_evidence, _MOST_PARTS)
+    left = (cause for cause, _ in found.challenged if cause.effect not in found.beaten)
+    return tuple(cause.effect for cause in left if discrepancy.lead(cause.indices, *asked) < least)
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:

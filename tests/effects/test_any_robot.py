@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.linalg
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.processes import CONSTANT, processes_of
 from pouring_robot.diagnosis.report.sentences import as_zeros_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
@@ -20,6 +22,7 @@ from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import MissingConditionsError
+from pouring_robot.inference.processes import columns_of
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
@@ -267,3 +270,21 @@ def test_drives_made_for_less_are_softer_in_proportion(tmp_path):
     np.testing.assert_allclose(sizes * efforts, sizes[0] * efforts[0], rtol=1e-12)
     assert sizes.prod() == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_array_equal(yields(tmp_path / "unsaid", [330.0, 330.0, 0.0, 54.0, 54.0, 27.0]), np.ones(6))
+
+
+def test_what_stands_off_by_a_constant_is_an_effect_that_says_the_same(rows):
+    """It is no other explanation in that one's place: all it can do the effect's own parameters do."""
+    linear, given = rows.linearise(rows.unchanged(), rows.frames), rows.conditions
+    known, said = all_effects(given.robot), set()
+    for process in processes_of(rows, linear, np.eye(3)):
+        if process.by == CONSTANT:
+            said |= process.same_as
+            for effect in process.same_as:
+                forms = checked_forms(known[effect], given, rows.channels)
+                own = np.column_stack([rows.column(p, linear) for form in forms for p in form.parameters])
+                columns = columns_of(process.lengths[""])
+                basis = scipy.linalg.orth(own / np.linalg.norm(own, axis=0).clip(min=1e-300), rcond=1e-9)
+                left = np.linalg.norm(columns - basis @ (basis.T @ columns), axis=0)
+                assert (left <= 1e-6 * np.linalg.norm(columns)).all()
+    zeros = {effect for effect in known if effect.partition(".")[0] == "drive_zero_offset"}
+    assert said == {*zeros, "joint_placement"}

@@ -83,8 +83,9 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=()):
+    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=(), leads=None):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
+        self._leads = leads or {}
         self._rest = [SimpleNamespace(part=np.full(ROWS, part)) for part in rest]
         self._noise, self._under = noise, under
         self.asked = []
@@ -97,6 +98,10 @@ class Left:
 
     def challenge(self, indices):
         return self._challenges.get(indices, Challenge(process(""), -np.inf))
+
+    def lead(self, indices, least_evidence, most):
+        self.asked.append((indices, least_evidence, most))
+        return self._leads.get(indices, np.inf)
 
     def noise(self):
         return self._noise
@@ -402,7 +407,8 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert "place by load (0.46 of the noise, log evidence 50)" in judged.reasons[0]
     assert judged.structures == tuple(found)
     assert [one.part[0] for one in judged.remainder] == [0.4]
-    assert left.asked == [(pytest.approx(np.log(6 / 0.02)), 3)]
+    least = pytest.approx(np.log(6 / 0.02))
+    assert left.asked == [((0,), least, 3), (least, 3)]
     assert (judged.tried, judged.thresholds) == (6, limits)
 
 
@@ -452,6 +458,26 @@ def test_a_cause_that_a_process_beats_is_only_the_nearest():
     assert len(judged.reasons) == 1
     assert judged.reasons[0].startswith("small is only the nearest")
     assert "'place by load' explains better by 30 nats" in judged.reasons[0]
+
+
+def test_beside_something_unknown_a_cause_must_be_worth_more_than_descriptions_in_its_place():
+    """A hundred times as much at the usual rate; not asked of what is beaten, nor where nothing is unknown."""
+    least = Thresholds().least_evidence(1)
+    for lead, doubtful in ((least - 1e-9, ("large",)), (least, ())):
+        judged = judge(sized(SURE, SURE), Left([structure(50.0, 99.0)], rest=(0.5,), leads={(0,): lead}))
+        assert (judged.verdict, judged.doubtful, judged.nearest) == ("unknown", doubtful, {*doubtful})
+    left = Left(challenges={(1,): Challenge(process(), 30.0)}, leads={(0,): 0.0, (1,): 0.0})
+    judged = judge(sized(SURE, SURE), left)
+    assert (judged.doubtful, [*judged.beaten], judged.nearest) == (("large",), ["small"], {"large", "small"})
+    known = judge(sized(SURE, SURE), Left(leads={(0,): 0.0}))
+    assert (known.verdict, known.doubtful) == ("named", ())
+    under = Left(leads={(0,): 0.0})
+    assert told_as((3.0, 99.0), under, sized(SURE, SURE)).doubtful == ("large",)
+
+
+def test_what_is_disbelieved_is_unknown_and_nothing_of_it_sure():
+    judged = judge(sized(SURE, SURE), Left(), unexplained="too large").disbelieved("too large")
+    assert (judged.verdict, judged.reasons, judged.nearest) == ("unknown", ("too large",), {"large", "small"})
 
 
 def test_small_errors_brought_to_light_are_no_cause():

@@ -162,6 +162,29 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     assert margins[1].process.name == "place by load"
 
 
+def test_beside_something_unknown_a_cause_leads_by_what_no_sum_of_descriptions_takes_up(described, rng):
+    """A cause with a course of its own leads, though descriptions take up a part; one that they copy does not.
+
+    In the place of that one a description is worth as much, but for its prior.
+    """
+    load, descriptions = described
+    own, course = rng.normal(size=ROWS), columns_of(descriptions[1].lengths[""])
+    residual = rng.normal(size=ROWS) + 3.0 * np.cos(3.0 * TIME / ROWS) + 2.0 * own + 2.0 * load
+    found = {}
+    for name, columns in (("own", own[:, None]), ("copied", course)):
+        item = explanation(name, columns - columns.mean(axis=0))  # what the free constant leaves of it
+        hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
+        seen = Discrepancy(hypothesis, descriptions)
+        names = [s.process.name for s in seen.sum(3.0, 2)]
+        found[name] = seen.lead((0,), 3.0, 2), seen.lead((0,), np.inf, 2), hypothesis.worth((0,)), names
+    lead, alone, worth, names = found["own"]
+    assert set(names) == {"place by time", "place by load"}
+    assert alone == worth > lead > 30.0
+    lead, alone, worth, names = found["copied"]
+    assert names == ["place by time"] and alone == worth > 30.0
+    assert abs(lead) < 3.0
+
+
 def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):
     """The density is that of the coordinates across the free constant."""
     cause = explanation("linear", rng.normal(size=(ROWS, 2)))
@@ -197,6 +220,7 @@ def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
     under, anew = found
     assert under.hypothesis.worth((0,)) == pytest.approx(anew.hypothesis.worth((0,)), rel=1e-9)
     assert under.challenge((0,)).margin == pytest.approx(anew.challenge((0,)).margin, rel=1e-9)
+    assert under.lead((0,), 1.0, 2) == pytest.approx(anew.lead((0,), 1.0, 2), abs=1e-9 * anew.hypothesis.worth((0,)))
     structures = [[(s.process.name, s.size) for s in one.structures(-99.0)] for one in (under, anew)]
     assert dict(structures[0]) == pytest.approx(dict(structures[1]), rel=1e-9)
 

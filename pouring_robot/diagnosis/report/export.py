@@ -85,7 +85,7 @@ def described(diagnosis: Conclusions) -> RobotModel:
         worse_sentence(diagnosis),
         headline(diagnosis),
         gap_sentence(diagnosis),
-        f"{nearest} stand in for something unknown and are no cause." if nearest and not diagnosis.refused else "",
+        f"What {nearest} explain may be something unknown." if nearest and not diagnosis.refused else "",
         f"Diagnosed with {diagnosis.campaign.path.name}.",
         f"Before: {present}" if present else "",
     ]
@@ -171,7 +171,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
     return {
         "effect": cause.effect,
         "alternatives": list(cause.alternatives),
-        "probability": cause.probability,
+        "probability": cause.probability if effect in diagnosis.firm else None,
         "parameters": {name: {"value": p.value, "std": p.std, "unit": p.parameter.unit} for name, p in found},
         "form": cause.form,
         "story": effect.story,

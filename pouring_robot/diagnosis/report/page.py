@@ -103,7 +103,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     form = form_text(diagnosis, effect)
     words = f"{effect.story}; {form}{', ' if form else ''}{surely}"
     nearest = effect in diagnosis.nearest
-    title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
+    title = f"{cause.effect} (perhaps only the nearest)" if nearest else cause.effect
     folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""
     together = diagnosis.in_words(effect)
     said = [Lines(list(together))] if together else []

@@ -252,9 +252,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     for words, effects in better.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
         lines.append(f"{', '.join(effects)} {are} but not it: '{words}' describes the data better")
-    if diagnosis.judgement.doubtful:
-        doubtful = ", ".join(diagnosis.judgement.doubtful)
-        lines.append(f"{doubtful}: at work, or a part of it; descriptions in its place explain nearly as well")
+    doubtful = ", ".join(diagnosis.judgement.doubtful)
+    lines += [f"{doubtful}: at work, or only in the place of something unknown"] if doubtful else []
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
