@@ -19,6 +19,8 @@ from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_cha
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
+_MOST_ROUNDS = 12
+"""Without a search between them; most answers stay after one or two."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
@@ -108,7 +110,7 @@ class Diagnoser:
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
-        for _ in range(_ROUNDS):
+        for _ in range(_MOST_ROUNDS):
             state, moved = self._advanced(state, hypothesis)
             hypothesis = hypothesis.on(self.problem_at(state)).settled()
             if moved < _EXACT:
