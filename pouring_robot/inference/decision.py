@@ -31,7 +31,7 @@ class Thresholds:
     # left, a process against a cause, workmanship where nothing else is found.
     false_names: float = 0.01
     structure_size: float = 0.3  # its least size, in noise standard deviations
-    # its least share of the largest named effect: below, it is that effect's form that is not quite the library's
+    # its least share of the largest named effect with a form that nature need not keep to: below, it is that form
     structure_share: float = 0.05
     alternative: float = 0.05  # least probability of an alternative
     # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause") must be worth, ...
@@ -73,6 +73,7 @@ class Cause:
     evidence: float  # log evidence of the hypothesis with it against the best one without it, in nats
     # root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations
     size: float
+    exact: bool = False  # whether its form is all that nature can do: places and axes of rigid joints are
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Judgement:
     def clear_structures(self) -> tuple[Structure, ...]:
         """Structures that count, most evident first."""
         limits = self.thresholds
-        largest = max((cause.size for cause in self.causes), default=0.0)
+        largest = max((cause.size for cause in self.causes if not cause.exact), default=0.0)
         least = max(limits.structure_size, limits.structure_share * largest)
         return tuple(s for s in self.structures if s.evidence > self.least_evidence and s.size > least)
 
@@ -313,7 +314,10 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
     chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
-    return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
+    # What workmanship leaves of it in every machine has all its parameters, each free.
+    exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
+    form, others = hypothesis.items[main].form, tuple(sorted(likely | same))
+    return Cause(effect, form, indices, others, chance, evidence, size, exact)
 
 
 def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:

@@ -170,6 +170,15 @@ def test_structure_beside_a_large_cause_is_its_form():
     assert Judgement("named", causes[:1], found, ()).clear_structures == found
 
 
+@pytest.mark.parametrize(("kind", "verdict"), [("a", "unknown"), ("b", "named")])
+def test_errors_of_joints_have_no_form_that_structure_could_be(kind, verdict):
+    """A cause forty times as large as the structure beside it: of workmanship's kind it is all that it can be."""
+    hypothesis = fitted({0: SURE}, [explanation("a", axis(0))], workmanship=(usual(kind, axis(*BLOCK)),))
+    left = Left([structure(99.0, hypothesis.size(0) ** 0.5 / ROWS**0.5 / 40.0)])
+    limits = Thresholds(structure_size=0.0)
+    assert judge(hypothesis, left, limits).verdict == verdict
+
+
 def test_without_a_cause_structure_has_no_share_to_reach():
     limits = Thresholds(structure_share=1.0)
     found = (structure(99.0, 0.4),)
