@@ -174,7 +174,9 @@ def diagnose(
         row = found.after.fitted_rows.row
         given = found.diagnoser.rows.conditions
         courses = poses(given), given.time_s[:, None]
-        more = gross_errors(found.hypothesis.remainder, row, found.diagnoser.fitted, found.outliers.size, courses)
+        more = gross_errors(
+            found.hypothesis.deletion_residual, row, found.diagnoser.fitted, found.outliers.size, courses
+        )
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)

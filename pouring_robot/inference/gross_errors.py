@@ -1,6 +1,6 @@
 """Gross errors: single rows that nothing explains while nearly all others are explained better."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,27 +28,27 @@ def calm(left: FloatArray) -> bool:
 
 
 def gross_errors(
-    left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_], gone: int, courses: Sequence[FloatArray]
+    residuals: Iterable[FloatArray],
+    row: NDArray[np.intp],
+    fitted: NDArray[np.bool_],
+    gone: int,
+    courses: Sequence[FloatArray],
 ) -> NDArray[np.intp]:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
-    out: rows count by what nine tenths of them stay below. Up to the last tenth may be wrong; where they are more than
-    a few they must be scattered, as something unknown comes in some place or for some time.
+    out: rows count by what nine tenths of them stay below, in what is left or would be left of them if they took no
+    part. Up to the last tenth may be wrong; where they are more than a few they must be scattered, as something unknown
+    comes in some place or for some time.
 
     Args:
-        left: what nothing explains of the fitted rows, in units of the noise, (m,).
+        residuals: what nothing explains of the fitted rows, in units of the noise, and their deletion residuals, (m,).
         row: row of each of these, (m,), of all n.
         fitted: which rows are fitted, (n,).
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
     """
-    worst = np.zeros(len(fitted))
-    np.maximum.at(worst, row, np.abs(left))
-    components = len(left) / fitted.sum()
-    # The largest of so many normal values stays below this in nine rows of ten.
-    usual = float(ndtri(0.5 + 0.5 * _SHARE ** (1.0 / components)))
-    wrong = np.flatnonzero(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], _SHARE)) / usual))
+    wrong = np.flatnonzero(np.any([_beyond(left, row, fitted) for left in residuals], axis=0))
     count = wrong.size + gone
     if count <= max(_FEW, int(_FEW_SHARE * len(fitted))):
         return wrong
@@ -56,6 +56,16 @@ def gross_errors(
         _together(wrong, course) < _TOGETHER / len(courses) for course in courses
     )
     return wrong if scattered else np.zeros(0, dtype=np.intp)
+
+
+def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which rows are far beyond what nine tenths of them stay below, (n,)."""
+    worst = np.zeros(len(fitted))
+    np.maximum.at(worst, row, np.abs(left))
+    components = len(left) / fitted.sum()
+    # The largest of so many normal values stays below this in nine rows of ten.
+    usual = float(ndtri(0.5 + 0.5 * _SHARE ** (1.0 / components)))
+    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], _SHARE)) / usual))
 
 
 def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:

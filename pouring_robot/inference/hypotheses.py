@@ -31,6 +31,8 @@ _LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
+_ALONE = 1e-8
+"""One minus the leverage of an equation that alone tells something: nobody can say whether it is right."""
 Value = TypeVar("Value")
 
 
@@ -315,6 +317,18 @@ class Hypothesis:
     def remainder(self) -> FloatArray:
         """What is left of the residual, (m,)."""
         return np.asarray(self.problem.residual - sum(self._parts, np.zeros(len(self.problem.residual))))
+
+    @property
+    def deletion_residual(self) -> FloatArray:
+        """What each equation's residual would be if it took no part, over its standard deviation, (m,).
+
+        What is left over the root of one minus the equation's leverage (Cook & Weisberg, Residuals and influence in
+        regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
+        """
+        columns = self.columns * np.concatenate([np.zeros(0), *self.weights()])
+        drawn = np.einsum("mi,ij,mj->m", columns, self.coefficients()[1], columns, optimize=True)
+        leverage = drawn + np.square(self.problem.nuisance.axes).sum(axis=1)
+        return np.asarray(self.remainder / np.sqrt((1.0 - leverage).clip(min=_ALONE)))
 
     def part(self, index: int) -> FloatArray:
         """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""

@@ -42,3 +42,11 @@ def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
     growing, wrong = 1.1 ** np.arange(50)[:, None], np.array([3, 4, 20, 31])
     assert _together(wrong, growing) == pytest.approx(binom.sf(0, 4, 3 / 49), rel=1e-12)
     assert _together(np.array([3, 20, 31]), growing) == 1.0
+
+
+def test_a_row_is_off_in_what_is_left_or_would_be_left_without_it(rng, places):
+    """One row draws the answer to itself, another one is seen in what is left."""
+    rows, residuals = np.repeat(np.arange(COUNT), COMPONENTS), rng.normal(size=(2, COUNT, COMPONENTS))
+    residuals[0, 7, 0], residuals[1, 30, 2] = OFF, -OFF
+    fitted = np.ones(COUNT, dtype=bool)
+    assert gross_errors(residuals.reshape(2, -1), rows, fitted, 0, places).tolist() == [7, 30]

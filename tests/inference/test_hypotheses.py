@@ -271,3 +271,18 @@ def test_a_column_that_the_free_unknowns_all_but_take_up_stands_for_nothing_else
     named = found.with_item(drift, Scale(1.0))
     assert named.explained_by(drift, (0,)) == pytest.approx(named.size(0), rel=1e-4)
     assert named.explained_by(zero, (0,)) < 1.0
+
+
+def test_an_equation_is_judged_by_what_the_others_foretell_of_it(rng):
+    """Against the conditional mean and variance of a Gaussian; one that alone tells of a free unknown is not judged."""
+    free = np.column_stack([np.ones(12), np.eye(12)[0]])
+    items = [explanation("a", rng.normal(size=(12, 2))), explanation("b", rng.normal(size=(12, 1)))]
+    built = problem(2.0 * rng.normal(size=12), items, free=free)
+    hypothesis = Hypothesis(built, built.explanations, (Scale(1.5), Scale(0.7)), ())
+    whole = covariance(hypothesis) + 1e6 * free @ free.T
+    for k, found in enumerate(hypothesis.deletion_residual[1:], 1):
+        others = np.delete(np.arange(12), k)
+        pulled = np.linalg.solve(whole[np.ix_(others, others)], whole[others, k])
+        residual = built.residual[k] - pulled @ built.residual[others]
+        assert found == pytest.approx(residual / np.sqrt(whole[k, k] - pulled @ whole[others, k]), rel=1e-4)
+    assert abs(hypothesis.deletion_residual[0]) < 1e-6
