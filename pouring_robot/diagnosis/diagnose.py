@@ -174,9 +174,8 @@ def diagnose(
         row = found.after.fitted_rows.row
         given = found.diagnoser.rows.conditions
         courses = poses(given), given.time_s[:, None]
-        more = gross_errors(
-            found.hypothesis.deletion_residual, row, found.diagnoser.fitted, found.outliers.size, courses
-        )
+        residuals = found.hypothesis.remainder, found.hypothesis.deletion_residual
+        more = gross_errors(residuals, row, found.diagnoser.fitted, found.outliers.size, courses)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)

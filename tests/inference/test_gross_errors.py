@@ -14,7 +14,7 @@ def found(wrong, places, rng):
     left = rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] += OFF
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors(left.ravel(), rows, np.ones(COUNT, dtype=bool), 0, places).tolist()
+    return gross_errors([left.ravel()], rows, np.ones(COUNT, dtype=bool), 0, places).tolist()
 
 
 @pytest.fixture
