@@ -19,8 +19,8 @@ from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_cha
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
-_MOST_ROUNDS = 12
-"""Without a search between them; most answers stay after one or two."""
+_STEPS, _MOST_STEPS = 4, 12
+"""Of one answer, between two searches and at the end; most stay after one or two."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
@@ -108,12 +108,14 @@ class Diagnoser:
         state = self._state(at.parameters, at.values, at.frames) if at else self.at_rest()
         return self.settled(*self._searched(state, start))
 
-    def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
+    def settled(
+        self, state: LinearState, hypothesis: Hypothesis, exact: float = _EXACT, steps: int = _MOST_STEPS
+    ) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(steps):
             state, moved = self._advanced(state, hypothesis)
             hypothesis = hypothesis.on(self.problem_at(state)).settled()
-            if moved < _EXACT:
+            if moved < exact:
                 break
         return state, hypothesis
 
@@ -128,12 +130,10 @@ class Diagnoser:
         for _ in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
-            state, moved = self._advanced(state, hypothesis)
-            problem = self.problem_at(state)
-            again = search(problem, thresholds, hypothesis.on(problem))
-            same = again.keys == hypothesis.keys
-            hypothesis = again
-            if same and moved < _SETTLED:
+            state, hypothesis = self.settled(state, hypothesis, _SETTLED, _STEPS)
+            again = search(hypothesis.problem, thresholds, hypothesis)
+            same, hypothesis = again.keys == hypothesis.keys, again
+            if same:
                 break
         return state, hypothesis
 
