@@ -8,7 +8,7 @@ varies with it, the data say.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -251,9 +251,8 @@ def _by_lean(
 
 def _as_general(given: Conditions, drives: Sequence[Drive]) -> frozenset[str]:
     """Return the effects that may be any function of the drives' own values."""
-    joints = {drive.joint for drive in drives}
-    periodic = (e for e in given.causes.entries if e.family == "periodic" and e.options.get("all_main"))
-    return frozenset(entry.id for entry in periodic if joints <= {*entry.options["drives"]})
+    general = (e.id for e in given.causes.entries if e.options.get("all_main"))
+    return _of_families(given, {"periodic"}, [drive.joint for drive in drives]) & frozenset(general)
 
 
 def _tilt(inside: Inside, parameter: EffectParameter) -> Channel:
@@ -269,11 +268,11 @@ def _constant(inside: Inside, places: Places) -> Iterator[Process]:
     def still(where: str, channels: Iterable[Channel], said_by: frozenset[str]) -> Process:
         return replace(_moved(where, CONSTANT, channels, {"": _USUAL * np.ones((len(given), 1))}), same_as=said_by)
 
-    zeros = {drive: _of_family(given, drive.joint, "zero") for drive in given.robot.drives}
-    yield still(DRIVES, places.drives, frozenset.intersection(*zeros.values()))
-    for drive, own in zip(given.robot.drives, places.drives, strict=True):
-        yield still(drive.joint, [own], zeros[drive])
-    displaced, tilted = _of_family(given, "", "centres", "placement"), _of_family(given, "", "tilts", "placement")
+    joints = [drive.joint for drive in given.robot.drives]
+    yield still(DRIVES, places.drives, _of_families(given, {"zero"}, joints))
+    for joint, own in zip(joints, places.drives, strict=True):
+        yield still(joint, [own], _of_families(given, {"zero"}, [joint]))
+    displaced, tilted = _of_families(given, {"centres", "placement"}), _of_families(given, {"tilts", "placement"})
     centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(given).items()}
     several = placements.centres if len(placements.centres) > 1 else {}
     groups = {
@@ -281,8 +280,8 @@ def _constant(inside: Inside, places: Places) -> Iterator[Process]:
         **{placements.centre_words[name]: list(joints) for name, joints in several.items()},
         **{f"joint centre {joint}": [joint] for joint in centres},
     }
-    for where, joints in groups.items():
-        yield still(where, [inside(name) for j in joints for name in centres[j]], displaced)
+    for where, group in groups.items():
+        yield still(where, [inside(name) for j in group for name in centres[j]], displaced)
     tilts = {joint: [_tilt(inside, p) for p in found] for joint, found in axis_parameters(given).items()}
     if tilts:
         yield still("joint axes", [c for found in tilts.values() for c in found], tilted)
@@ -292,10 +291,10 @@ def _constant(inside: Inside, places: Places) -> Iterator[Process]:
         yield still(placements.twist_words, [inside(f"{j}.rz") for j in placements.twists.values()], tilted)
 
 
-def _of_family(given: Conditions, drive: str, *families: str) -> frozenset[str]:
-    """Return the effects of some families, of a drive by its joint or, where that is "", of any."""
+def _of_families(given: Conditions, families: Collection[str], drives: Collection[str] = ()) -> frozenset[str]:
+    """Return the effects of some families that act on drives, by their joints; by default on anything."""
     entries = (e for e in given.causes.entries if e.family in families)
-    return frozenset(e.id for e in entries if not drive or drive in e.options["drives"])
+    return frozenset(entry.id for entry in entries if {*drives} <= {*entry.options.get("drives", ())})
 
 
 def _joints(inside: Inside, given: Conditions) -> Iterator[Process]:

@@ -206,9 +206,7 @@ def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:
     """Return the same judged under a larger noise, where with that nothing is left that any process explains.
 
-    And what processes find under it.
-
-    What it leaves no evidence for is no cause.
+    And what processes find beside it then. What that noise leaves no evidence for is no cause.
     """
     factor, evidence = discrepancy.noise()
     if evidence <= found.least_evidence:
