@@ -180,9 +180,8 @@ def judge(
         found = replace(found, doubtful=_doubtful(beside, found))
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
-        barred = {name for cause in small for name in (cause.effect, *cause.alternatives)} - hypothesis.problem.known
-        causes = [] if barred else small
-        reasons = [f"workmanship like {name} is there, which may not be named" for name in sorted(barred)]
+        causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
+        reasons = [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
     verdict: Verdict = "named"
     if reasons:
         verdict = "unknown"
@@ -361,30 +360,15 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
     if alone[best].log_evidence < hypothesis.log_evidence - least:
-        # It takes several kinds: the one that does most is named, and those that may be the coarser ones as well.
+        # It takes several kinds: the one that does most is named, the others are there as they usually are.
         kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
-        others = [j for j in kinds if j != kind]
-        rest = hypothesis.with_levels_of(others).log_evidence
-        likely = hypothesis.log_evidence + np.log(thresholds.alternative)
-        close = [j for j in others if _exchanged(hypothesis, kind, j).log_evidence > likely]
-        return [_small(hypothesis, kind, rest, _names(hypothesis, kind, close, thresholds), thresholds)]
+        rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
+        return [_small(hypothesis, kind, rest, _instead(hypothesis, kind, thresholds), thresholds)]
     likely = alone[best].log_evidence + np.log(thresholds.alternative)
-    known = [k for k in kinds if hypothesis.problem.workmanship[k].effect in hypothesis.problem.known]
-    close = [k for k in known if k != best and alone[k].log_evidence > likely]
-    return [_small(alone[best], best, without, _names(hypothesis, best, close, thresholds), thresholds)]
-
-
-def _exchanged(hypothesis: Hypothesis, kind: int, other: int) -> Hypothesis:
-    """Return the hypothesis with the levels of two kinds of workmanship exchanged."""
-    levels = [*hypothesis.levels]
-    levels[kind], levels[other] = levels[other], levels[kind]
-    return replace(hypothesis, levels=tuple(levels))
-
-
-def _names(hypothesis: Hypothesis, kind: int, close: Iterable[int], thresholds: Thresholds) -> tuple[str, ...]:
-    """Return what cannot be told from a kind of workmanship: others that are as close, and effects."""
-    kinds = {hypothesis.problem.workmanship[k].effect for k in close}
-    return tuple(sorted({*kinds, *_instead(hypothesis, kind, thresholds)}))
+    close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
+    names = [hypothesis.problem.workmanship[k].effect for k in close]
+    others = {*names, *_instead(hypothesis, best, thresholds)}
+    return [_small(alone[best], best, without, tuple(sorted(others)), thresholds)]
 
 
 def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> tuple[str, ...]:
