@@ -16,6 +16,7 @@ from pouring_robot.inference.evidence import (
     Beside,
     Scale,
     bayes_factor,
+    blocks,
     most_evidence,
     most_within,
 )
@@ -325,9 +326,11 @@ class Hypothesis:
         What is left over the root of one minus the equation's leverage (Cook & Weisberg, Residuals and influence in
         regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
         """
-        columns = self.columns * np.concatenate([np.zeros(0), *self.weights()])
-        drawn = np.einsum("mi,ij,mj->m", columns, self.coefficients()[1], columns, optimize=True)
-        leverage = drawn + np.square(self.problem.nuisance.axes).sum(axis=1)
+        leverage, spread = np.square(self.problem.nuisance.axes).sum(axis=1), self.coefficients()[1]
+        for some in blocks(len(leverage)):
+            own = [one.columns[some] * weights for one, weights in zip(self.fitted, self.weights(), strict=True)]
+            columns = np.hstack([np.zeros((len(leverage[some]), 0)), *own])
+            leverage[some] += (columns @ spread * columns).sum(axis=1)
         return np.asarray(self.remainder / np.sqrt((1.0 - leverage).clip(min=_ALONE)))
 
     def part(self, index: int) -> FloatArray:
