@@ -106,36 +106,40 @@ class Diagnoser:
         other noise led to. The hypothesis is of the problem of the state returned with it.
         """
         state = self._state(at.parameters, at.values, at.frames) if at else self.at_rest()
-        return self.settled(*self._searched(state, start))
-
-    def settled(
-        self, state: LinearState, hypothesis: Hypothesis, exact: float = _EXACT, steps: int = _MOST_STEPS
-    ) -> tuple[LinearState, Hypothesis]:
-        """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
-        for _ in range(steps):
-            state, moved = self._advanced(state, hypothesis)
-            hypothesis = hypothesis.on(self.problem_at(state)).settled()
-            if moved < exact:
-                break
-        return state, hypothesis
-
-    def _searched(self, state: LinearState, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
-        problem = self.problem_at(state)
-        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
-            vars(self)["thresholds"] = self._thresholds_in(problem)
-        thresholds = self.thresholds
-        if start and not start.keys <= {item.key for item in problem.explanations}:
-            start = None  # other rows may have no such form: another session, forces that differ by less
-        hypothesis = search(problem, thresholds, start.on(problem) if start else None)
+        hypothesis = self._first(state, start)
         for _ in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
-            state, hypothesis = self.settled(state, hypothesis, _SETTLED, _STEPS)
-            again = search(hypothesis.problem, thresholds, hypothesis)
-            same, hypothesis = again.keys == hypothesis.keys, again
-            if same:
+            keys = hypothesis.keys
+            for _ in range(_STEPS):  # here, so that no state but the last is kept: of many rows they are large
+                state, hypothesis, moved = self._stepped(state, hypothesis)
+                if moved < _SETTLED:
+                    break
+            hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
+            if hypothesis.keys == keys:
+                break
+        return self.settled(state, hypothesis)
+
+    def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
+        """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
+        for _ in range(_MOST_STEPS):
+            state, hypothesis, moved = self._stepped(state, hypothesis)
+            if moved < _EXACT:
                 break
         return state, hypothesis
+
+    def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
+        state, moved = self._advanced(state, hypothesis)
+        return state, hypothesis.on(self.problem_at(state)).settled(), moved
+
+    def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
+        """Search at a state that nothing was found at."""
+        problem = self.problem_at(state)
+        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
+            vars(self)["thresholds"] = self._thresholds_in(problem)
+        if start and not start.keys <= {item.key for item in problem.explanations}:
+            start = None  # other rows may have no such form: another session, forces that differ by less
+        return search(problem, self.thresholds, start.on(problem) if start else None)
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
