@@ -253,8 +253,7 @@ class _Work:
         known = not rows.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
-        unsettled = _unsettled(after, hypothesis)
-        misfit = _misfit(rows, before.linear) or unsettled
+        misfit, unsettled = _misfit(rows, before.linear), _unsettled(after, hypothesis)
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
@@ -307,9 +306,11 @@ class _Work:
             next_count=self.options.next_count,
         )
         # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
-        if diagnosis.refused and judgement.names:
-            return replace(diagnosis, misfit=diagnosis.refused, judgement=judgement.disbelieved(diagnosis.refused))
-        return replace(diagnosis, judgement=judgement.disbelieved(unsettled)) if unsettled else diagnosis
+        why = (diagnosis.refused if judgement.names else "") or unsettled
+        if not why:
+            return diagnosis
+        told = misfit if judgement.verdict == "unknown" else why
+        return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why))
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:

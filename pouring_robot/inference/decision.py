@@ -130,7 +130,7 @@ class Judgement:
     def disbelieved(self, why: str) -> Judgement:
         """Return the same with no cause that is sure, as something is wrong with all of them."""
         reasons = (why, *(line for line in self.reasons if line != why))
-        doubtful = tuple(cause.effect for cause in self.causes)
+        doubtful = tuple(cause.effect for cause in self.causes if cause.effect not in self.beaten)
         return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful)
 
 
