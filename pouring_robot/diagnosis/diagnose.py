@@ -267,7 +267,7 @@ class _Work:
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         in_turn = None
-        if found.parts and judgement.names and few(before.every_row, fitted):
+        if found.parts and judgement.names and not unsettled and few(before.every_row, fitted):
             names = frozenset(item.effect for item in hypothesis.items if item.cause)
             blocks = (*found.parts.folds, found.parts.test)
             in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)

@@ -64,13 +64,13 @@ class Findings:
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:
-        """Effects that are no part of anything unknown."""
-        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.nearest)
+        """Effects that no description explains nearly as well, where something is unknown."""
+        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.doubtful)
 
     @property
     def nearest(self) -> tuple[NamedEffect, ...]:
-        """Effects that may only be the nearest to something unknown: descriptions explain better, or nearly as well."""
-        return tuple(e for e in self.effects if e.cause.effect in self.judgement.nearest)
+        """Effects that may only stand in for something unknown: a description explains nearly as well, or better."""
+        return tuple(e for e in self.effects if e.cause.effect in self.judgement.doubtful)
 
     @functools.cached_property
     def noise_left(self) -> NoiseLevel | None:

@@ -111,7 +111,7 @@ class Diagnoser:
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             keys = hypothesis.keys
-            for _ in range(_STEPS):  # here, so that no state but the last is kept: of many rows they are large
+            for _ in range(_STEPS):  # here, so that the first states are let go: of many rows they are large
                 state, hypothesis, moved = self._stepped(state, hypothesis)
                 if moved < _SETTLED:
                     break

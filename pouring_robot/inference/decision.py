@@ -91,7 +91,7 @@ class Judgement:
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
     scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
-    # effects that may be a part of something unknown: processes together would explain nearly as well in their place
+    # effects that may be a part of something unknown: a process in their place would explain nearly as well
     doubtful: tuple[str, ...] = ()
 
     @property
@@ -119,18 +119,13 @@ class Judgement:
 
     @property
     def beaten(self) -> dict[str, Challenge]:
-        """Effects that are only the nearest to something unknown, with the process that explains better."""
+        """Effects in whose place a process explains better, so that something is unknown, with that process."""
         return {c.effect: found for c, found in self.challenged if found.margin > self.least_evidence}
-
-    @property
-    def nearest(self) -> frozenset[str]:
-        """Effects that may only stand in for something unknown."""
-        return frozenset((*self.beaten, *self.doubtful))
 
     def disbelieved(self, why: str) -> Judgement:
         """Return the same with no cause that is sure, as something is wrong with all of them."""
         reasons = (why, *(line for line in self.reasons if line != why))
-        doubtful = tuple(cause.effect for cause in self.causes if cause.effect not in self.beaten)
+        doubtful = tuple(cause.effect for cause in self.causes)
         return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful)
 
 
@@ -194,13 +189,13 @@ def judge(
 
 
 def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
-    """Return the effects that processes in their place explain nearly as well, where something is unknown.
+    """Return the effects that a process in their place explains nearly as well, where something is unknown.
 
     There it is for a cause to show that it is no part of that.
     """
     least, asked = found.thresholds.least_evidence(1), (found.least_evidence, _MOST_PARTS)
-    left = (cause for cause, _ in found.challenged if cause.effect not in found.beaten)
-    return tuple(cause.effect for cause in left if discrepancy.lead(cause.indices, *asked) < least)
+    causes = (cause for cause, _ in found.challenged)
+    return tuple(cause.effect for cause in causes if discrepancy.lead(cause.indices, *asked) < least)
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:
@@ -277,8 +272,7 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
         for clear in found.clear_structures[:1]
     ]
     reasons += [
-        f"{effect} is only the nearest of the known effects: '{better.process.words}' explains better by "
-        f"{better.margin:.0f} nats"
+        f"'{better.process.words}' explains better than {effect}, by {better.margin:.0f} nats in its place"
         for effect, better in found.beaten.items()
     ]
     loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
@@ -312,7 +306,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
     chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
-    # What workmanship leaves of it in every machine has all its parameters, each free.
+    # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
     form, others = hypothesis.items[main].form, tuple(sorted(likely | same))
     return Cause(effect, form, indices, others, chance, evidence, size, exact)

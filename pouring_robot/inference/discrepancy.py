@@ -96,7 +96,12 @@ class _Seen:
         """Return the same where the noise is so many times as large."""
         inner, projected, shared = (own / factor**2 for own in (self.inner, self.projected, self.shared))
         return replace(
-            self, absorbed=self.absorbed / factor, inner=inner, projected=projected, shared=shared, factor=factor
+            self,
+            absorbed=self.absorbed / factor,
+            inner=inner,
+            projected=projected,
+            shared=shared,
+            factor=self.factor * factor,
         )
 
 
@@ -139,6 +144,7 @@ class Discrepancy:
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
         self._less: dict[tuple[int, ...], Discrepancy] = {}
         self._sums: dict[tuple[float, int], list[_Found]] = {}
+        self._worths: dict[tuple[str, ...], tuple[float, dict[str, float]]] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
@@ -158,7 +164,8 @@ class Discrepancy:
 
     def _beside_another(self, hypothesis: Hypothesis) -> Discrepancy:
         again = copy.copy(self)
-        again.hypothesis, again._known, again._less, again._sums = hypothesis, {}, {}, {}
+        again.hypothesis, again._known = hypothesis, {}
+        again._less, again._sums, again._worths = {}, {}, {}
         vars(again).pop("_alone", None)
         return again
 
@@ -213,19 +220,27 @@ class Discrepancy:
         return sorted(self._summands(self._chosen(least_evidence, most)), key=lambda summand: -summand.size)
 
     def lead(self, indices: Sequence[int], least_evidence: float, most: int) -> float:
-        """Return by how much a cause explains better than processes in its place, in nats, beside what is unknown.
+        """Return by how much a cause explains better than a process in its place, in nats, beside what is unknown.
 
-        That is a sum of processes, so many at most, and in the cause's place of one more: those that say the same, too,
-        as a constant error may be the mean of what is unknown.
+        That is a sum of processes as with the cause, so many at most; and any process counts, those that say the same,
+        too, as a constant error may be the mean of what is unknown.
         """
-        beside = self._worth(self._chosen(least_evidence, most))
-        rest = self.without(indices)
-        return self.hypothesis.worth(indices) + beside - rest._worth(rest._chosen(least_evidence, most + 1))
+        names, rest = tuple(one.name for one in self._chosen(least_evidence, most)), self.without(indices)
+        (beside, more), (left, instead) = self._gains(names), rest._gains(names)
+        # Of what a process explains beside the cause, too, its place takes nothing.
+        taken = max((evidence - max(more[name], 0.0) for name, evidence in instead.items()), default=0.0)
+        return self.hypothesis.worth(indices) + beside - left - max(taken, 0.0)
 
-    def _worth(self, chosen: Sequence[_Found]) -> float:
-        """Return the log evidence for processes together, in nats, each beside those before it."""
-        before = [(one.name, list(chosen[:k])) for k, one in enumerate(chosen)]
-        return sum(self._found(self._seen[name], *self._beside(those), those).evidence for name, those in before)
+    def _gains(self, names: tuple[str, ...]) -> tuple[float, dict[str, float]]:
+        """Return what some processes are worth together, and what each other one is worth beside them, in nats."""
+        if names not in self._worths:
+            found: list[_Found] = []
+            for name in names:
+                found.append(self._found(self._seen[name], *self._beside(found), found))
+            place, others = self._beside(found), {name: one for name, one in self._seen.items() if name not in names}
+            more = {name: self._found(one, *place, found).evidence for name, one in others.items()}
+            self._worths[names] = sum(one.evidence for one in found), more
+        return self._worths[names]
 
     def _chosen(self, least_evidence: float, most: int) -> list[_Found]:
         if (least_evidence, most) not in self._sums:

@@ -37,9 +37,9 @@ def gross_errors(
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
-    out: rows count by what nine tenths of them stay below, in what is left or would be left of them if they took no
-    part. Up to the last tenth may be wrong; where they are more than a few they must be scattered, as something unknown
-    comes in some place or for some time.
+    out: rows count by what nine tenths of them stay below, in what is left or else in deletion residuals. Up to the
+    last tenth may be wrong; where they are more than a few they must be scattered, as something unknown comes in some
+    place or for some time.
 
     Args:
         residuals: what nothing explains of the fitted rows, in units of the noise, and their deletion residuals, (m,).
@@ -48,14 +48,15 @@ def gross_errors(
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
     """
-    wrong = np.flatnonzero(np.any([_beyond(left, row, fitted) for left in residuals], axis=0))
-    count = wrong.size + gone
-    if count <= max(_FEW, int(_FEW_SHARE * len(fitted))):
-        return wrong
-    scattered = count <= (1.0 - _SHARE) * len(fitted) and not any(
-        _together(wrong, course) < _TOGETHER / len(courses) for course in courses
-    )
-    return wrong if scattered else np.zeros(0, dtype=np.intp)
+    for left in residuals:
+        wrong = np.flatnonzero(_beyond(left, row, fitted))
+        count = wrong.size + gone
+        scattered = count <= (1.0 - _SHARE) * len(fitted) and not any(
+            _together(wrong, course) < _TOGETHER / len(courses) for course in courses
+        )
+        if wrong.size and (count <= max(_FEW, int(_FEW_SHARE * len(fitted))) or scattered):
+            return wrong
+    return np.zeros(0, dtype=np.intp)
 
 
 def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -32,8 +32,8 @@ _LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
-_ALONE = 1e-8
-"""One minus the leverage of an equation that alone tells something: nobody can say whether it is right."""
+_ALONE = 2e-3
+"""Least of one minus the leverage: of less, 0.3 of the noise (a form that is not quite right) would look like 6.5."""
 Value = TypeVar("Value")
 
 

@@ -366,10 +366,9 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
     deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
     assert excluded.remainder
     assert deaf.clear_structures == tuple(s for s in deaf.structures if s.evidence > deaf.least_evidence)
-    keen = Thresholds(false_names=1e308)
-    beaten = replace(excluded, judgement=replace(excluded.judgement, thresholds=keen))
-    assert {e.cause.effect for e in beaten.nearest} == {c.effect for c, _ in excluded.judgement.challenged}
-    assert not replace(excluded, judgement=replace(deaf, challenges=())).nearest
+    keen = replace(excluded.judgement, thresholds=Thresholds(false_names=1e308))
+    assert {*keen.beaten} == {c.effect for c, _ in excluded.judgement.challenged}
+    assert not replace(deaf, challenges=()).beaten
 
 
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):

@@ -162,27 +162,41 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     assert margins[1].process.name == "place by load"
 
 
-def test_beside_something_unknown_a_cause_leads_by_what_no_sum_of_descriptions_takes_up(described, rng):
+def leading(residual, columns, processes, least=3.0, most=2):
+    """Return the lead of a cause of such columns, what it is worth, and the processes beside it, by name."""
+    item = explanation("cause", columns - columns.mean(axis=0))  # what the free constant leaves of it
+    hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
+    seen = Discrepancy(hypothesis, processes)
+    return seen.lead((0,), least, most), hypothesis.worth((0,)), {s.process.name for s in seen.sum(least, most)}
+
+
+def test_beside_something_unknown_a_cause_leads_by_what_no_description_takes_up(described, rng):
     """A cause with a course of its own leads, though descriptions take up a part; one that they copy does not.
 
-    In the place of that one a description is worth as much, but for its prior.
+    In the place of that one a description is worth as much, but for its prior; a small one, too, which beside something
+    unknown would be described by nobody.
     """
     load, descriptions = described
     own, course = rng.normal(size=ROWS), columns_of(descriptions[1].lengths[""])
     residual = rng.normal(size=ROWS) + 3.0 * np.cos(3.0 * TIME / ROWS) + 2.0 * own + 2.0 * load
-    found = {}
-    for name, columns in (("own", own[:, None]), ("copied", course)):
-        item = explanation(name, columns - columns.mean(axis=0))  # what the free constant leaves of it
-        hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
-        seen = Discrepancy(hypothesis, descriptions)
-        names = [s.process.name for s in seen.sum(3.0, 2)]
-        found[name] = seen.lead((0,), 3.0, 2), seen.lead((0,), np.inf, 2), hypothesis.worth((0,)), names
-    lead, alone, worth, names = found["own"]
-    assert set(names) == {"place by time", "place by load"}
-    assert alone == worth > lead > 30.0
-    lead, alone, worth, names = found["copied"]
-    assert names == ["place by time"] and alone == worth > 30.0
-    assert lead < np.log(100.0)
+    lead, worth, names = leading(residual, own[:, None], descriptions)
+    assert names == {"place by time", "place by load"} and worth > lead > 30.0
+    lead, worth, names = leading(residual, course, descriptions)
+    assert names == {"place by time"} and worth > 30.0 and lead < np.log(100.0)
+    lead, small, _ = leading(residual, course, descriptions, least=worth + 10.0)
+    assert small == worth and lead < np.log(100.0)
+
+
+def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
+    """Four things that share no row with it or each other lessen its lead by nothing, however few may be summed."""
+    axes = np.eye(ROWS)
+    processes = [Process.of_columns("place", str(k), axes[:, [k]]) for k in range(4)]
+    residual = 20.0 * axes[:, :4].sum(axis=1) + 20.0 * axes[:, 10]
+    item = explanation("cause", axes[:, [10]])
+    hypothesis = Hypothesis(problem(residual, [item]), (item,), (Scale(1.0),), ()).settled()
+    for most in (0, 2, 4):
+        lead = Discrepancy(hypothesis, processes).lead((0,), 3.0, most)
+        assert lead == pytest.approx(hypothesis.worth((0,)), rel=1e-6)
 
 
 def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):

@@ -85,7 +85,7 @@ def described(diagnosis: Conclusions) -> RobotModel:
         worse_sentence(diagnosis),
         headline(diagnosis),
         gap_sentence(diagnosis),
-        f"What {nearest} explain may be something unknown." if nearest and not diagnosis.refused else "",
+        f"What is put down to {nearest} may be something unknown." if nearest and not diagnosis.refused else "",
         f"Diagnosed with {diagnosis.campaign.path.name}.",
         f"Before: {present}" if present else "",
     ]

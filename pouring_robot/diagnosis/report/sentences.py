@@ -53,9 +53,9 @@ def headline(diagnosis: Conclusions) -> str:
             return f"NO STRUCTURE: {said}"
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
-        # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
+        # A probability among the known causes would say less than it seems to.
         named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
-        besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
+        besides = f" Found beside it: {named}." if named else ""
         if diagnosis.misfit:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
@@ -246,14 +246,14 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.verdict != "unknown":
         return []
     lines = [item.sentence for item in diagnosis.remainder]
-    better: dict[str, list[str]] = {}
-    for effect, found in diagnosis.judgement.beaten.items():
-        better.setdefault(found.process.words, []).append(effect)
+    judged, better = diagnosis.judgement, dict[str, list[str]]()
+    for effect in judged.doubtful:
+        found = judged.beaten.get(effect)
+        better.setdefault(found.process.words if found else "", []).append(effect)
     for words, effects in better.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
-        lines.append(f"{', '.join(effects)} {are} but not it: '{words}' describes the data better")
-    doubtful = ", ".join(diagnosis.judgement.doubtful)
-    lines += [f"{doubtful}: at work, or only in the place of something unknown"] if doubtful else []
+        said = f"{are} but not it: '{words}' describes the data better" if words else "may be at work, or a part of it"
+        lines.append(f"{', '.join(effects)} {said}")
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
