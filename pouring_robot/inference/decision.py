@@ -193,9 +193,9 @@ def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
 
     There it is for a cause to show that it is no part of that.
     """
-    least, asked = found.thresholds.least_evidence(1), (found.least_evidence, _MOST_PARTS)
+    least, structure = found.thresholds.least_evidence(1), found.least_evidence
     causes = (cause for cause, _ in found.challenged)
-    return tuple(cause.effect for cause in causes if discrepancy.lead(cause.indices, *asked) < least)
+    return tuple(cause.effect for cause in causes if discrepancy.lead(cause.indices, structure) < least)
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:

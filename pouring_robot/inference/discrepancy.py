@@ -59,6 +59,8 @@ class Challenge:
 _NOTHING = Process("", "", {})
 _AT_HAND = 2**26
 """Room for channels that were held against everything, in bytes: processes that share them are next to each other."""
+_MOST_TOGETHER = 6
+"""So many processes may be what is unknown beside a cause or in its place: more than data of one campaign have told."""
 _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
@@ -219,17 +221,22 @@ class Discrepancy:
         """
         return sorted(self._summands(self._chosen(least_evidence, most)), key=lambda summand: -summand.size)
 
-    def lead(self, indices: Sequence[int], least_evidence: float, most: int) -> float:
-        """Return by how much a cause explains better than a process in its place, in nats, beside what is unknown.
+    def lead(self, indices: Sequence[int], least_evidence: float) -> float:
+        """Return by how much a cause explains better than processes in its place, in nats, beside what is unknown.
 
-        That is a sum of processes as with the cause, so many at most; and any process counts, those that say the same,
-        too, as a constant error may be the mean of what is unknown.
+        That is a sum of processes, each worth so many nats, searched for with the cause and without it. Or it is the
+        first sum, and in the cause's place any one process more, however little that is worth. Those that say the same
+        as the cause count, too: a constant error may be the mean of what is unknown.
         """
-        names, rest = tuple(one.name for one in self._chosen(least_evidence, most)), self.without(indices)
+        names, rest = self._names(least_evidence), self.without(indices)
         (beside, more), (left, instead) = self._gains(names), rest._gains(names)
         # Of what a process explains beside the cause, too, its place takes nothing.
         taken = max((evidence - max(more[name], 0.0) for name, evidence in instead.items()), default=0.0)
-        return self.hypothesis.worth(indices) + beside - left - max(taken, 0.0)
+        anew = rest._gains(rest._names(least_evidence))[0]
+        return self.hypothesis.worth(indices) + beside - max(left + max(taken, 0.0), anew)
+
+    def _names(self, least_evidence: float) -> tuple[str, ...]:
+        return tuple(one.name for one in self._chosen(least_evidence, _MOST_TOGETHER))
 
     def _gains(self, names: tuple[str, ...]) -> tuple[float, dict[str, float]]:
         """Return what some processes are worth together, and what each other one is worth beside them, in nats."""

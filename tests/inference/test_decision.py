@@ -99,8 +99,8 @@ class Left:
     def challenge(self, indices):
         return self._challenges.get(indices, Challenge(process(""), -np.inf))
 
-    def lead(self, indices, least_evidence, most):
-        self.asked.append((indices, least_evidence, most))
+    def lead(self, indices, least_evidence):
+        self.asked.append((indices, least_evidence))
         return self._leads.get(indices, np.inf)
 
     def noise(self):
@@ -417,7 +417,7 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert judged.structures == tuple(found)
     assert [one.part[0] for one in judged.remainder] == [0.4]
     least = pytest.approx(np.log(6 / 0.02))
-    assert left.asked == [((0,), least, 3), (least, 3)]
+    assert left.asked == [((0,), least), (least, 3)]
     assert (judged.tried, judged.thresholds) == (6, limits)
 
 

@@ -162,12 +162,12 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     assert margins[1].process.name == "place by load"
 
 
-def leading(residual, columns, processes, least=3.0, most=2):
+def leading(residual, columns, processes, least=3.0):
     """Return the lead of a cause of such columns, what it is worth, and the processes beside it, by name."""
     item = explanation("cause", columns - columns.mean(axis=0))  # what the free constant leaves of it
     hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
     seen = Discrepancy(hypothesis, processes)
-    return seen.lead((0,), least, most), hypothesis.worth((0,)), {s.process.name for s in seen.sum(least, most)}
+    return seen.lead((0,), least), hypothesis.worth((0,)), {s.process.name for s in seen.sum(least, 2)}
 
 
 def test_beside_something_unknown_a_cause_leads_by_what_no_description_takes_up(described, rng):
@@ -188,14 +188,14 @@ def test_beside_something_unknown_a_cause_leads_by_what_no_description_takes_up(
 
 
 def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
-    """Four things that share no row with it or each other lessen its lead by nothing, however few may be summed."""
+    """Four things that share no row with it or each other lessen its lead by nothing, clear or not."""
     axes = np.eye(ROWS)
     processes = [Process.of_columns("place", str(k), axes[:, [k]]) for k in range(4)]
     residual = 20.0 * axes[:, :4].sum(axis=1) + 20.0 * axes[:, 10]
     item = explanation("cause", axes[:, [10]])
     hypothesis = Hypothesis(problem(residual, [item]), (item,), (Scale(1.0),), ()).settled()
-    for most in (0, 2, 4):
-        lead = Discrepancy(hypothesis, processes).lead((0,), 3.0, most)
+    for least in (3.0, np.inf):
+        lead = Discrepancy(hypothesis, processes).lead((0,), least)
         assert lead == pytest.approx(hypothesis.worth((0,)), rel=1e-6)
 
 
@@ -234,7 +234,7 @@ def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
     under, anew = found
     assert under.hypothesis.worth((0,)) == pytest.approx(anew.hypothesis.worth((0,)), rel=1e-9)
     assert under.challenge((0,)).margin == pytest.approx(anew.challenge((0,)).margin, rel=1e-9)
-    assert under.lead((0,), 1.0, 2) == pytest.approx(anew.lead((0,), 1.0, 2), abs=1e-9 * anew.hypothesis.worth((0,)))
+    assert under.lead((0,), 1.0) == pytest.approx(anew.lead((0,), 1.0), abs=1e-9 * anew.hypothesis.worth((0,)))
     structures = [[(s.process.name, s.size) for s in one.structures(-99.0)] for one in (under, anew)]
     assert dict(structures[0]) == pytest.approx(dict(structures[1]), rel=1e-9)
 
