@@ -252,7 +252,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
         better.setdefault(found.process.words if found else "", []).append(effect)
     for words, effects in better.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
-        said = f"{are} but not it: '{words}' describes the data better" if words else "may be at work, or a part of what is unknown"
+        better_said = f"{are} but not it: '{words}' describes the data better"
+        said = better_said if words else "may be at work, or a part of what is unknown"
         lines.append(f"{', '.join(effects)} {said}")
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
