@@ -146,7 +146,6 @@ class Discrepancy:
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
         self._less: dict[tuple[int, ...], Discrepancy] = {}
         self._sums: dict[tuple[float, int], list[_Found]] = {}
-        self._worths: dict[tuple[str, ...], tuple[float, dict[str, float]]] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
@@ -166,8 +165,7 @@ class Discrepancy:
 
     def _beside_another(self, hypothesis: Hypothesis) -> Discrepancy:
         again = copy.copy(self)
-        again.hypothesis, again._known = hypothesis, {}
-        again._less, again._sums, again._worths = {}, {}, {}
+        again.hypothesis, again._known, again._less, again._sums = hypothesis, {}, {}, {}
         vars(again).pop("_alone", None)
         return again
 
@@ -229,25 +227,34 @@ class Discrepancy:
         as the cause count, too: a constant error may be the mean of what is unknown.
         """
         names, rest = self._names(least_evidence), self.without(indices)
-        (beside, more), (left, instead) = self._gains(names), rest._gains(names)
+        own = self.hypothesis.worth(indices) + self._together(names)
+        lead = own - rest._together(rest._names(least_evidence))
+        if not 0.0 < lead < 2.0 * least_evidence:  # one more that the search for a sum left out is worth no more
+            return lead
+        more, instead = self._more(names), rest._more(names)
         # Of what a process explains beside the cause, too, its place takes nothing.
         taken = max((evidence - max(more[name], 0.0) for name, evidence in instead.items()), default=0.0)
-        anew = rest._gains(rest._names(least_evidence))[0]
-        return self.hypothesis.worth(indices) + beside - max(left + max(taken, 0.0), anew)
+        return min(lead, own - rest._together(names) - max(taken, 0.0))
 
     def _names(self, least_evidence: float) -> tuple[str, ...]:
         return tuple(one.name for one in self._chosen(least_evidence, _MOST_TOGETHER))
 
-    def _gains(self, names: tuple[str, ...]) -> tuple[float, dict[str, float]]:
-        """Return what some processes are worth together, and what each other one is worth beside them, in nats."""
-        if names not in self._worths:
-            found: list[_Found] = []
-            for name in names:
-                found.append(self._found(self._seen[name], *self._beside(found), found))
-            place, others = self._beside(found), {name: one for name, one in self._seen.items() if name not in names}
-            more = {name: self._found(one, *place, found).evidence for name, one in others.items()}
-            self._worths[names] = sum(one.evidence for one in found), more
-        return self._worths[names]
+    def _refound(self, names: Iterable[str]) -> list[_Found]:
+        """Return processes by name, each beside those before it."""
+        found: list[_Found] = []
+        for name in names:
+            found.append(self._found(self._seen[name], *self._beside(found), found))
+        return found
+
+    def _together(self, names: Iterable[str]) -> float:
+        """Return what processes are worth together, in nats."""
+        return sum(one.evidence for one in self._refound(names))
+
+    def _more(self, names: tuple[str, ...]) -> dict[str, float]:
+        """Return what each other process is worth beside some, in nats."""
+        found = self._refound(names)
+        place, others = self._beside(found), {name: one for name, one in self._seen.items() if name not in names}
+        return {name: self._found(one, *place, found).evidence for name, one in others.items()}
 
     def _chosen(self, least_evidence: float, most: int) -> list[_Found]:
         if (least_evidence, most) not in self._sums:
