@@ -1,7 +1,7 @@
 """The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
 """Of one answer, between two searches and at the end; most stay after one or two."""
+_PATIENCE, _NEARER = 3, 0.5
+"""In so many steps the least that an answer moves by falls to this share: one that goes to and fro will not stay."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
@@ -94,10 +96,12 @@ class Diagnoser:
 
         What the state's own changes add to the prediction to first order is given back: they are to be found again.
         """
-        linear = state.every_row if of_every_row else state.linear
+        return self._problem(state, state.every_row if of_every_row else state.linear, self.library)
+
+    def _problem(self, state: State, linear: LinearRows, library: Library) -> Problem:
         residual = linear.residual + self._signature(state.parameters, state.values, linear)
-        workmanship = workmanship_of(self.rows, linear, self.library)
-        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, self.library))
+        workmanship = workmanship_of(self.rows, linear, library)
+        return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, library))
 
     def found(self, start: Hypothesis | None = None, at: State | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
@@ -111,26 +115,31 @@ class Diagnoser:
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             keys = hypothesis.keys
-            for _ in range(_STEPS):  # here, so that the first states are let go: of many rows they are large
-                state, hypothesis, moved = self._stepped(state, hypothesis)
-                if moved < _SETTLED:
-                    break
-            hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
+            moves: list[float] = []
+            while _goes_on(moves, _STEPS, _SETTLED):  # here, so that the first states are let go, of many rows large
+                state, hypothesis = self._stepped(state, hypothesis, moves)
+            problem = self.problem_at(state)
+            hypothesis = search(problem, self.thresholds, hypothesis.on(problem))
             if hypothesis.keys == keys:
                 break
         return self.settled(state, hypothesis)
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
-        for _ in range(_MOST_STEPS):
-            state, hypothesis, moved = self._stepped(state, hypothesis)
-            if moved < _EXACT:
-                break
-        return state, hypothesis
+        moves: list[float] = []
+        while _goes_on(moves, _MOST_STEPS, _EXACT):
+            state, hypothesis = self._stepped(state, hypothesis, moves)
+        return state, hypothesis.on(self.problem_at(state))
 
-    def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
+    def _stepped(
+        self, state: LinearState, hypothesis: Hypothesis, moves: list[float]
+    ) -> tuple[LinearState, Hypothesis]:
+        """Put in what a hypothesis found, note how far that moved, and settle it there, all other effects left out."""
         state, moved = self._advanced(state, hypothesis)
-        return state, hypothesis.on(self.problem_at(state)).settled(), moved
+        moves.append(moved)
+        found = {key: form for key, form in self.library.forms.items() if key in hypothesis.keys}
+        problem = self._problem(state, state.linear, replace(self.library, forms=found))
+        return state, hypothesis.on(problem).settled()
 
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
         """Search at a state that nothing was found at."""
@@ -204,6 +213,14 @@ class Diagnoser:
         if not parameters:
             return np.zeros(linear.residual.size)
         return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
+
+
+def _goes_on(moves: Sequence[float], most: int, close: float) -> bool:
+    """Return whether an answer is to be put in once more, from how far it moved each time."""
+    if not moves:
+        return True
+    nearer = len(moves) <= _PATIENCE or min(moves[-_PATIENCE:]) < _NEARER * min(moves[:-_PATIENCE])
+    return moves[-1] >= close and len(moves) < most and nearer
 
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
