@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit, logsumexp, ndtri
+from scipy.special import expit, logsumexp, ndtri, softmax
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
@@ -33,7 +33,6 @@ class Thresholds:
     structure_size: float = 0.3  # its least size, in noise standard deviations
     # its least share of the largest named effect with a form that nature need not keep to: below, it is that form
     structure_share: float = 0.05
-    alternative: float = 0.05  # least probability of an alternative
     # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause") must be worth, ...
     minor_share: float = 0.12
     # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
@@ -302,7 +301,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     evidence = _evidence(hypothesis, indices)
     rivals = _rivals(hypothesis, indices)
     total = float(logsumexp([0.0, *rivals.values()]))
-    likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
+    likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.false_names}
     squared, choices = hypothesis.size(*indices), hypothesis.rivals
     forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
     same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
@@ -360,34 +359,35 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
         kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
         rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
         return [_small(hypothesis, kind, rest, _instead(hypothesis, kind, thresholds), thresholds)]
-    likely = alone[best].log_evidence + np.log(thresholds.alternative)
-    close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
-    names = [hypothesis.problem.workmanship[k].effect for k in close]
-    others = {*names, *_instead(hypothesis, best, thresholds)}
-    return [_small(alone[best], best, without, tuple(sorted(others)), thresholds)]
+    likely = alone[best].log_evidence + np.log(thresholds.false_names)
+    names = {k: hypothesis.problem.workmanship[k].effect for k in kinds if k != best}
+    close = {name: alone[k].log_evidence for k, name in names.items() if alone[k].log_evidence > likely}
+    return [_small(alone[best], best, without, close | _instead(hypothesis, best, thresholds), thresholds)]
 
 
-def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> tuple[str, ...]:
-    """Return the effects that explain as well what workmanship does, most of it by themselves."""
+def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[str, float]:
+    """Return the effects that explain as well what workmanship does, most of it by themselves, with log evidences."""
     workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
     bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
-    likely = hypothesis.log_evidence + np.log(thresholds.alternative)
-    found = []
+    likely = hypothesis.log_evidence + np.log(thresholds.false_names)
+    found = {}
     for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
         if worth.evidence > 0.0:
             other = bare.with_item(item, worth.scale)
             index = len(other.items) - 1
             if other.log_evidence > likely and 4.0 * other.size(index) > own @ own:
-                found.append(effect)
-    return tuple(found)
+                found[effect] = other.log_evidence
+    return found
 
 
 def _small(
-    hypothesis: Hypothesis, kind: int, without: float, alternatives: tuple[str, ...], thresholds: Thresholds
+    hypothesis: Hypothesis, kind: int, without: float, others: dict[str, float], thresholds: Thresholds
 ) -> Cause:
+    """Return a kind of workmanship as a cause; others explain as well, with their log evidences."""
     evidence = hypothesis.log_evidence - without
     part = hypothesis.workmanship_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))
-    chance = _chance(hypothesis, evidence, thresholds) / (1 + len(alternatives))
+    share = softmax([hypothesis.log_evidence, *others.values()])[0]
+    chance = _chance(hypothesis, evidence, thresholds) * float(share)
     effect = hypothesis.problem.workmanship[kind].effect
-    return Cause(effect, WORKMANSHIP_FORM, (), alternatives, chance, evidence, size)
+    return Cause(effect, WORKMANSHIP_FORM, (), tuple(sorted(others)), chance, evidence, size)

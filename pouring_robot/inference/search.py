@@ -44,8 +44,7 @@ CHANCE_DRAWS, CHANCE_SEED = 1000, 0
 _ROUNDING = 1e-13
 """Of a column's own square, what is left of it beside workmanship that takes it up whole."""
 _BRANCH_BEHIND = 30.0
-_CATCHES_UP = 100.0
-"""How far behind another explanation may be at first sight, in nats."""
+"""How far behind, in nats, what is tried may be at first sight: what is further does not catch up when it settles."""
 _WORTH_TRYING = 0.6
 """Share of the best first sight that another branch must promise."""
 _MOST_REFUSED = 8
@@ -223,7 +222,7 @@ def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions
     own = rest.candidate_bayes_factor(hypothesis.items[index])
     tried: set[str] = set()
     for found, item in rest.ranked(choice for choice in rest.choices if choice.key != key):
-        if found.evidence < own.evidence - _CATCHES_UP:
+        if found.evidence < own.evidence - _BRANCH_BEHIND:
             break
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
             continue

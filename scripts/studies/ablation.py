@@ -108,7 +108,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     "the search goes on from what was found": lambda: _put(
         state, "search", lambda problem, options, *_: search.search(problem, options)
     ),
-    "what is far behind at first is not tried": lambda: _put(search, "_CATCHES_UP", np.inf),
+    "what is far behind at first is not tried": lambda: _put(search, "_BRANCH_BEHIND", np.inf),
 }
 
 

@@ -228,14 +228,15 @@ def test_a_doubtful_cause_shares_its_chance_with_chance_and_with_others():
     assert found.alternatives == ("b", "c", "d")  # all of it is less than what such data show
 
 
-@pytest.mark.parametrize(("probability", "named"), [(0.048, False), (0.052, True)])
-def test_an_alternative_is_as_likely_as_one_in_twenty(probability, named):
+@pytest.mark.parametrize(("factor", "named"), [(0.98, False), (1.02, True)])
+def test_an_alternative_is_as_likely_as_the_rate_of_false_names(factor, named, monkeypatch):
+    monkeypatch.setattr(Thresholds, "hidden", 0.0)
+    probability = factor * Thresholds().false_names
     nearly = amplitude_worth(worth(SURE) + logit(probability))
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, nearly / SURE))]
-    found = _cause(fitted({0: SURE}, items), "a", Thresholds(false_names=0.5))
-    assert share(SURE) ** 2 * (1.0 - (nearly / SURE) ** 2) > hidden(0.5)
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds())
     assert found.alternatives == (("b",) if named else ())
-    assert found.probability == pytest.approx(0.5 * (1.0 - probability))
+    assert found.probability == pytest.approx(HELD * (1.0 - probability))
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
@@ -243,7 +244,7 @@ def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
     # A column of length 1 makes all but one part in 1 + s² of what it points to, s the widest scale.
     left = 1.0 - (1.0 - factor * hidden(0.01) / share(SURE) ** 2) * (1.0 + SCALES[-1] ** -2)
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, np.sqrt(1.0 - left)))]
-    found = _cause(fitted({0: SURE}, items), "a", Thresholds(alternative=1.0))
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds())
     assert found.alternatives == (("b",) if named else ())
 
 
@@ -627,9 +628,11 @@ def test_kinds_that_explain_as_well_are_alternatives():
     ratio = np.exp(best_told(values, workmanship, 1) - best_told(values, workmanship, 0))
     assert 0.05 < ratio < 1.0
     for factor, likely in EITHER_SIDE:
-        found = workmanship_cause(hypothesis, Thresholds(alternative=factor * ratio))
+        limits = Thresholds(false_names=factor * ratio)
+        found = workmanship_cause(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("one", ("other",) if likely else ())]
-        assert found[0].probability == pytest.approx(HELD * (0.5 if likely else 1.0), abs=0.01)
+        share = 1.0 / (1.0 + ratio) if likely else 1.0
+        assert found[0].probability == pytest.approx((1.0 - limits.false_names) * share, abs=0.01)
 
 
 def test_chances_of_kinds_that_are_the_same_are_equal():
@@ -651,8 +654,8 @@ def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
     hypothesis, values = at_levels(spread(2.4), workmanship, (4,), items), residual(spread(2.4))
     ratio = np.exp(averaged(values, axis(*BLOCK)) - told(values, workmanship, (4,)))
     for factor, likely in EITHER_SIDE:
-        limits = Thresholds(alternative=factor * ratio)
-        assert _instead(hypothesis, 0, limits) == (("twin",) if likely else ())
+        limits = Thresholds(false_names=factor * ratio)
+        assert [*_instead(hypothesis, 0, limits)] == (["twin"] if likely else [])
         found = workmanship_cause(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
     assert judge(hypothesis, Left()).verdict == "group"
@@ -665,7 +668,7 @@ def test_an_alternative_to_small_errors_does_at_least_half_of_what_they_do(facto
     amplitude = brentq(lambda a: share(a) ** 2 - 0.25 * factor**2 * 8.0 * part**2, 1.5, 9.0)
     items = [explanation("b", axis(40))]
     hypothesis = at_levels(spread(1.9) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
-    assert _instead(hypothesis, 0, Thresholds()) == found
+    assert (*_instead(hypothesis, 0, Thresholds()),) == found
 
 
 @pytest.mark.parametrize(("evidence", "found"), [(-0.1, ()), (0.1, ("b",)), (0.9, ("b",))])
@@ -673,7 +676,7 @@ def test_an_alternative_to_small_errors_is_worth_something(evidence, found):
     amplitude = amplitude_worth(evidence)
     items = [explanation("b", axis(40))]
     hypothesis = at_levels(spread(0.3) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
-    assert _instead(hypothesis, 0, Thresholds()) == found
+    assert (*_instead(hypothesis, 0, Thresholds()),) == found
 
 
 def test_small_errors_are_named_where_they_may_be():
