@@ -11,6 +11,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileE
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -27,6 +28,7 @@ ARM = """<robot name="two_joints">
   <joint name="mount" type="fixed"><parent link="slide"/><child link="tip"/><origin xyz="0.1 0 0"/></joint>
 </robot>"""
 TIP = '<link name="tip"><inertial><mass value="{}"/></inertial></link>'
+FAR = '<link name="tip"><inertial><origin xyz="{}"/><mass value="2"/></inertial></link>'
 FILE = """format: pouring_robot/robot/1
 name: two_joints
 urdf: arm.urdf
@@ -329,6 +331,8 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
         ('<link name="tip"/>', TIP.format("-2"), "link 'tip': a mass of -2 kg"),
         ('<link name="tip"/>', TIP.format("two"), "axes, limits and masses are numbers"),
+        ('<link name="tip"/>', FAR.format("0 -64.5 0"), "link 'tip': a centre of mass 64.5 m from its frame"),
+        ('<link name="tip"/>', FAR.format("nan 0 0"), "link 'tip': a centre of mass nan m from its frame"),
     ],
 )
 def test_what_readers_of_urdfs_take_without_a_word_is_refused(arm, old, new, says):
@@ -336,6 +340,19 @@ def test_what_readers_of_urdfs_take_without_a_word_is_refused(arm, old, new, say
     arm.with_name("arm.urdf").write_text(ARM.replace(old, new), encoding="utf-8")
     with pytest.raises(DescriptionError, match=re.escape(says)):
         RobotDefinition.load(arm)
+
+
+def test_a_centre_of_mass_may_be_thirty_times_as_far_as_the_robot_is_long(arm):
+    """A metre, the slide's own and the tip's tenth."""
+    arm.with_name("arm.urdf").write_text(ARM.replace('<link name="tip"/>', FAR.format("0 62.5 0")), encoding="utf-8")
+    assert RobotDefinition.load(arm).name == "two_joints"
+
+
+def test_blank_lines_may_stand_before_a_urdf(arm):
+    text = '\n <?xml version="1.0"?>\n' + ARM
+    arm.with_name("arm.urdf").write_text(text, encoding="utf-8")
+    assert RobotDefinition.load(arm).urdf() == text.lstrip()
+    assert "urdf: arm.urdf" in first_robot_file(arm.with_name("arm.urdf"), arm.parent)
 
 
 def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):

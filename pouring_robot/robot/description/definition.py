@@ -27,7 +27,6 @@ from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
-from pouring_robot.io.files import read_text
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.typed_yaml import validate
 from pouring_robot.mechanism.arrays import FloatArray
@@ -45,6 +44,7 @@ from pouring_robot.robot.description.urdf import (
     meshes_from,
     parsed,
     reach,
+    read_urdf,
 )
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ class RobotDefinition:
     @functools.cached_property
     def _drawn(self) -> str:
         if self.file.urdf is not None:
-            drawn = read_text(self.source)
+            drawn = read_urdf(self.source)
         else:
             from pouring_robot.robot.description.rendering import run_xacro
 

@@ -14,7 +14,6 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
@@ -22,7 +21,7 @@ from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, check_sound, joint_limits, parsed
+from pouring_robot.robot.description.urdf import carriers, check_sound, joint_limits, parsed, read_urdf
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -120,7 +119,7 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     read, Pinocchio cannot build it, or nothing moves in it.
     """
     rendered = urdf.suffix == ".xacro"
-    text = run_xacro(urdf, {}) if rendered else read_text(urdf)
+    text = run_xacro(urdf, {}) if rendered else read_urdf(urdf)
     tree = _Tree(urdf, text)
     ends = tree.ends()
     if not ends:

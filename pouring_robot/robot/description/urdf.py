@@ -16,11 +16,13 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
-from pouring_robot.io.files import write_together
+from pouring_robot.io.files import read_text, write_together
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.strangers import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
+_FARTHEST = 30.0
+"""How far a centre of mass may be, over the length of all joints and a metre: of one in mm it is a thousand times."""
 
 
 def shipped_folder(name: str, holds: str, words: str) -> Path:
@@ -35,6 +37,11 @@ def shipped_folder(name: str, holds: str, words: str) -> Path:
 def description_folder() -> Path:
     """Return the folder of the shipped description; raises DescriptionError where it is missing."""
     return shipped_folder("robot_description", "urdf/pouring_robot.urdf.xacro", "the robot description is")
+
+
+def read_urdf(path: Path) -> str:
+    """Return the text of a URDF without blank lines before it, which readers of URDFs allow and XML does not."""
+    return read_text(path).lstrip()
 
 
 def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
@@ -99,7 +106,11 @@ def joint_limits(joint: etree._Element) -> tuple[float, float]:
 
 
 def check_sound(root: etree._Element, source: Path | str) -> None:
-    """Refuse what readers take without a word: axes of no length, limits the wrong way round, negative masses."""
+    """Refuse what readers take without a word: axes of no length, limits the wrong way round, masses less than none.
+
+    And masses that are far from the robot, whose weight would be a moment that no robot bears.
+    """
+    size = 1.0
     for part in root.iterfind("*"):
         try:
             fault = _fault(part)
@@ -107,6 +118,15 @@ def check_sound(root: etree._Element, source: Path | str) -> None:
             fault = f"{error}; axes, limits and masses are numbers"
         if fault:
             raise DescriptionError(source, f"{part.tag} '{part.get('name')}': {fault}")
+        if part.tag == "joint":
+            slide = np.ptp(joint_limits(part)) if part.get("type") == "prismatic" else 0.0
+            size += float(np.linalg.norm(_three(part, "xyz", source)) + slide)
+    for link in root.iterfind("link"):
+        inertial = link.find("inertial")
+        away = 0.0 if inertial is None else float(np.linalg.norm(_three(inertial, "xyz", source)))
+        if not away <= _FARTHEST * size:
+            fault = f"a centre of mass {away:.4g} m from its frame; give its inertial origin in m"
+            raise DescriptionError(source, f"link '{link.get('name')}': {fault}")
 
 
 def _fault(part: etree._Element) -> str:
