@@ -366,24 +366,28 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
 
 
 def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[str, float]:
-    """Return the effects that explain as well what workmanship does, most of it by themselves, with log evidences."""
+    """Return the effects that explain as well what workmanship does, most of it by themselves.
+
+    With the log evidence of each, and that it is as seldom as noise looks like any effect (:func:`_chance`), where
+    every machine has some workmanship.
+    """
     workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
     bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
     likely = hypothesis.log_evidence + np.log(thresholds.false_names)
-    found = {}
+    found, seldom = dict[str, float](), float(np.log(len(hypothesis.problem.known)))
     for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
         if worth.evidence > 0.0:
             other = bare.with_item(item, worth.scale)
             index = len(other.items) - 1
             if other.log_evidence > likely and 4.0 * other.size(index) > own @ own:
-                found[effect] = other.log_evidence
+                found[effect] = other.log_evidence - seldom
     return found
 
 
 def _small(
     hypothesis: Hypothesis, kind: int, without: float, others: dict[str, float], thresholds: Thresholds
 ) -> Cause:
-    """Return a kind of workmanship as a cause; others explain as well, with their log evidences."""
+    """Return a kind of workmanship as a cause; others explain as well, at their log densities."""
     evidence = hypothesis.log_evidence - without
     part = hypothesis.workmanship_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))

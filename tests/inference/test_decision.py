@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.special import logit, logsumexp
+from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm
 
 from pouring_robot.inference.decision import (
@@ -658,6 +658,10 @@ def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
         assert [*_instead(hypothesis, 0, limits)] == (["twin"] if likely else [])
         found = workmanship_cause(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
+        odds = np.exp(averaged(values, axis(*BLOCK)) - best_told(values, workmanship, 0)) / 3.0  # one of three effects
+        share = 1.0 / (1.0 + odds) if likely else 1.0
+        chance = (1.0 - limits.false_names) * expit(found[0].evidence - np.log(3.0))
+        assert found[0].probability == pytest.approx(chance * share)
     assert judge(hypothesis, Left()).verdict == "group"
 
 
