@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from pouring_robot.inference.evidence import Beside, Gram, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Channel, Part, Process, between
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +108,34 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
+class _Left:
+    """What a hypothesis leaves to a process at one length scale."""
+
+    seen: _Seen  # the process there
+    taken: FloatArray  # what it takes up of its columns, in coordinates of its own (q, k)
+    inner: FloatArray  # inner products of its columns with each other beside that, (k, k)
+    projected: FloatArray  # of its columns with the residual, (k,)
+
+    @classmethod
+    def of(cls, seen: _Seen, beside: Beside) -> _Left:
+        """Return it beside all columns of a hypothesis."""
+        taken = beside.taken(seen.shared)
+        return cls(seen, taken, seen.inner - taken.T @ taken, seen.projected - taken.T @ beside.pulled)
+
+
+@dataclass(frozen=True, eq=False)
 class _Found:
     """A process at its best length scale beside something."""
 
     evidence: float  # averaged over its length scales, in nats
-    seen: _Seen  # it at the best of them
+    left: _Left  # it at the best of them
     amplitude: float  # the most probable one
     inner: FloatArray  # inner products of its columns beside that something, (k, k)
     projected: FloatArray  # of its columns with the residual, (k,)
+
+    @property
+    def seen(self) -> _Seen:
+        return self.left.seen
 
     @property
     def name(self) -> str:
@@ -143,7 +163,7 @@ class Discrepancy:
             process.name: [_Seen.of(process, length, against, nuisance.dof) for length in process.lengths]
             for process in processes
         }
-        self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
+        self._known: dict[tuple[_Left, _Left], FloatArray] = {}
         self._less: dict[tuple[int, ...], Discrepancy] = {}
         self._sums: dict[tuple[float, int], list[_Found]] = {}
 
@@ -166,7 +186,8 @@ class Discrepancy:
     def _beside_another(self, hypothesis: Hypothesis) -> Discrepancy:
         again = copy.copy(self)
         again.hypothesis, again._known, again._less, again._sums = hypothesis, {}, {}, {}
-        vars(again).pop("_alone", None)
+        for worked_out in ("_left", "_alone"):
+            vars(again).pop(worked_out, None)
         return again
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
@@ -243,7 +264,7 @@ class Discrepancy:
         """Return processes by name, each beside those before it."""
         found: list[_Found] = []
         for name in names:
-            found.append(self._found(self._seen[name], *self._beside(found), found))
+            found.append(self._found(self._left[name], self._beside(found), found))
         return found
 
     def _together(self, names: Iterable[str]) -> float:
@@ -253,8 +274,8 @@ class Discrepancy:
     def _more(self, names: tuple[str, ...]) -> dict[str, float]:
         """Return what each other process is worth beside some, in nats."""
         found = self._refound(names)
-        place, others = self._beside(found), {name: one for name, one in self._seen.items() if name not in names}
-        return {name: self._found(one, *place, found).evidence for name, one in others.items()}
+        beside, others = self._beside(found), {name: one for name, one in self._left.items() if name not in names}
+        return {name: self._found(one, beside, found).evidence for name, one in others.items()}
 
     def _chosen(self, least_evidence: float, most: int) -> list[_Found]:
         if (least_evidence, most) not in self._sums:
@@ -280,7 +301,7 @@ class Discrepancy:
         choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
         ``tried`` has all by name, as they were when last looked at, and is brought up to date in place.
         """
-        place, taken = self._beside(chosen), {one.name for one in chosen}
+        beside, taken = self._beside(chosen), {one.name for one in chosen}
         left = {name: one for name, one in tried.items() if name not in taken}
         stale = set(left) if chosen else set()
         while left:
@@ -291,7 +312,7 @@ class Discrepancy:
             if not stale:
                 break
             for name in [best] if enough else sorted(stale):
-                left[name] = tried[name] = self._found(self._seen[name], *place, chosen)
+                left[name] = tried[name] = self._found(self._left[name], beside, chosen)
                 stale.discard(name)
         return None
 
@@ -300,7 +321,7 @@ class Discrepancy:
         settled = list(chosen)
         for one in chosen if len(chosen) > 1 else ():
             others = [other for other in settled if other.name != one.name]
-            again = self._found(self._seen[one.name], *self._beside(others), others)
+            again = self._found(self._left[one.name], self._beside(others), others)
             settled = [again if other.name == one.name else other for other in settled]
             if again.evidence < least_evidence:
                 settled = others
@@ -313,7 +334,7 @@ class Discrepancy:
         """
         others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
         least = summand.evidence - apart
-        found = [f for f in self._tried(*self._beside(others), others) if f.evidence > least and f.name not in taken]
+        found = [f for f in self._tried(self._beside(others), others) if f.evidence > least and f.name not in taken]
         return tuple(f.seen.process.by for f in sorted(found, key=lambda f: -f.evidence))
 
     def bounds(self, beside: Sequence[Summand]) -> dict[str, float]:
@@ -323,70 +344,69 @@ class Discrepancy:
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
         place, bounds = self._beside(chosen), {}
-        for name, lengths in self._seen.items():
+        for name, lengths in self._left.items():
             if name not in taken:
-                sizes = [max(part.rms for part in seen.parts) for seen in lengths]
-                largest = [largest_scale(*self._outside(*place, chosen, seen)) for seen in lengths]
+                sizes = [max(part.rms for part in one.seen.parts) for one in lengths]
+                largest = [largest_scale(*self._outside(place, chosen, one)) for one in lengths]
                 bounds[name] = max(size * scale for size, scale in zip(sizes, largest, strict=True))
         return bounds
 
     @cached_property
+    def _left(self) -> dict[str, list[_Left]]:
+        """Processes by name at each length scale."""
+        everything = self.hypothesis.everything
+        return {name: [_Left.of(one, everything) for one in lengths] for name, lengths in self._seen.items()}
+
+    @cached_property
     def _alone(self) -> list[_Found]:
-        return list(self._tried(*self._beside(())))
+        return list(self._tried(self._beside(())))
 
-    def _tried(self, beside: Beside, own: Indices, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
-        """Yield each process beside columns of the hypothesis (q,) and chosen processes."""
-        for lengths in self._seen.values():
-            yield self._found(lengths, beside, own, chosen)
+    def _tried(self, beside: Beside, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
+        """Yield each process beside chosen ones."""
+        for lengths in self._left.values():
+            yield self._found(lengths, beside, chosen)
 
-    def _found(self, lengths: Sequence[_Seen], beside: Beside, own: Indices, chosen: Sequence[_Found]) -> _Found:
+    def _found(self, lengths: Sequence[_Left], beside: Beside, chosen: Sequence[_Found]) -> _Found:
         """Return one process, at all its length scales, beside the same."""
-        products = [self._outside(beside, own, chosen, seen) for seen in lengths]
+        products = [self._outside(beside, chosen, one) for one in lengths]
         worths = [bayes_factor(*one) for one in products]
         evidences = np.array([worth.evidence for worth in worths])
         best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
         return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
-    def _outside(
-        self, beside: Beside, own: Indices, chosen: Sequence[_Found], seen: _Seen
-    ) -> tuple[FloatArray, FloatArray]:
-        shared = np.vstack([seen.shared[own], *(self._shared(one.seen, seen) for one in chosen)])
-        return beside.outside(shared, seen.inner, seen.projected)
+    def _outside(self, beside: Beside, chosen: Sequence[_Found], one: _Left) -> tuple[FloatArray, FloatArray]:
+        shared = [np.zeros((0, len(one.projected))), *(self._shared(other.left, one) for other in chosen)]
+        return beside.outside(np.vstack(shared), one.inner, one.projected)
 
-    def _shared(self, one: _Seen, other: _Seen) -> FloatArray:
-        """Return the inner products of two processes beside what free unknowns explain, (k, l)."""
+    def _shared(self, one: _Left, other: _Left) -> FloatArray:
+        """Return the inner products of two processes beside free unknowns and the hypothesis, (k, l)."""
         if (other, one) in self._known:
             return self._known[other, one].T
         if (one, other) not in self._known:
-            whole = between(one.parts, other.parts) / (one.factor * other.factor)
-            self._known[one, other] = whole - one.absorbed.T @ other.absorbed
+            first, second = one.seen, other.seen
+            whole = between(first.parts, second.parts) / (first.factor * second.factor)
+            self._known[one, other] = whole - first.absorbed.T @ second.absorbed - one.taken.T @ other.taken
         return self._known[one, other]
 
-    def _beside(self, chosen: Sequence[_Found]) -> tuple[Beside, Indices]:
-        """Return what is to be seen beside the hypothesis and chosen processes, and the places of its own columns."""
-        own, everything, problem = np.arange(len(self._own)), self.hypothesis.everything, self.hypothesis.problem
-        if not chosen:
-            return everything, own
-        places = everything.places
-        blocks = [[problem.gram.columns[places[:, None], places], *(one.seen.shared for one in chosen)]]
-        blocks += [
-            [
-                one.seen.shared.T,
-                *(one.seen.inner if other is one else self._shared(one.seen, other.seen) for other in chosen),
-            ]
+    def _beside(self, chosen: Sequence[_Found]) -> Beside:
+        """Return what is to be seen beside the hypothesis and chosen processes; its groups are these."""
+        everything = self.hypothesis.everything
+        blocks = [
+            [one.left.inner if other is one else self._shared(one.left, other.left) for other in chosen]
             for one in chosen
         ]
-        projected = np.concatenate([problem.gram.projected[places], *(one.seen.projected for one in chosen)])
-        weights = [*self.hypothesis.weights(), *(np.full(len(one.seen.projected), one.amplitude) for one in chosen)]
-        gram = Gram(np.block(blocks), projected, problem.gram.squared)
-        return Beside(gram, np.arange(len(projected)), np.concatenate(weights)), own
+        projected = np.concatenate([np.zeros(0), *(one.left.projected for one in chosen)])
+        weights = np.concatenate([np.zeros(0), *(np.full(len(one.projected), one.amplitude) for one in chosen)])
+        inner = np.block(blocks) if blocks else np.zeros((0, 0))
+        gram = Gram(inner, projected, everything.squared, everything.log_determinant)
+        return Beside(gram, np.arange(len(projected)), weights)
 
     def _summands(self, chosen: Sequence[_Found]) -> Iterator[Summand]:
         """Yield the chosen processes, each with its share of what they do together."""
         if not chosen:
             return
-        means, covariances = self._beside(chosen)[0].coefficients()
-        problem, first, columns = self.hypothesis.problem, len(self._own), self.hypothesis.columns
+        means, covariances = self._beside(chosen).coefficients()
+        problem, first, columns = self.hypothesis.problem, 0, self.hypothesis.columns
         whole = self._explained(chosen, means, columns)
         for one in chosen:
             own = slice(first, first := first + len(one.seen.projected))
@@ -400,26 +420,30 @@ class Discrepancy:
             part = problem.nuisance.cleared(part)
             size = float(np.sqrt((part @ part) / len(part)))
             others = [other for other in chosen if other is not one]
-            beside, places = self._beside(others)
-            worth = bayes_factor(*self._outside(beside, places, others, one.seen)).evidence
+            beside = self._beside(others)
+            worth = bayes_factor(*self._outside(beside, others, one.left)).evidence
             missed = problem.nuisance.cleared(whole - self._explained(others, beside.coefficients()[0], columns))
             facts = one.seen.process, one.seen.length, one.amplitude, worth
             yield Summand(*facts, size, part, missed, np.column_stack(movement), np.column_stack(std))
 
     def _explained(self, chosen: Sequence[_Found], means: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return what the hypothesis and chosen processes explain together, (m,), by their coefficients (q + k,).
+        """Return what the hypothesis and chosen processes explain together, (m,), by coefficients of these, (k,).
 
         ``columns`` are those of the hypothesis, (m, q).
         """
-        at = len(self._own)
-        explained = columns @ (np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * means[:at])
+        everything, at, explained = self.hypothesis.everything, 0, np.zeros(len(columns))
+        pulled = everything.pulled
         for one in chosen:
+            values = one.amplitude * means[at : at + len(one.projected)]
+            pulled = pulled - one.left.taken @ values
             for piece in one.seen.parts:
                 own = one.amplitude * means[at : (at := at + piece.course.shape[1])]
-                explained = explained + piece.channel.column * (piece.channel.rows.T @ (piece.course @ own))
-        return np.asarray(explained)
+                explained += piece.channel.column * (piece.channel.rows.T @ (piece.course @ own))
+        return explained + columns @ (
+            np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * everything.back(pulled)
+        )
 
     def _again(self, summands: Sequence[Summand]) -> list[_Found]:
         """Return what summands were made from."""
-        found = [(s, next(one for one in self._seen[s.process.name] if one.length == s.length)) for s in summands]
-        return [_Found(s.evidence, seen, s.amplitude, seen.inner, seen.projected) for s, seen in found]
+        found = [(s, next(one for one in self._left[s.process.name] if one.seen.length == s.length)) for s in summands]
+        return [_Found(s.evidence, one, s.amplitude, one.inner, one.projected) for s, one in found]

@@ -140,8 +140,8 @@ class Beside:
         inner *= weights[:, None]
         inner.flat[:: len(places) + 1] += 1.0
         self._factor = _factor(inner)
-        self._pulled = self._solved(weights * products.projected[places])
-        self.squared = products.squared - float(self._pulled @ self._pulled)
+        self.pulled = self._solved(weights * products.projected[places])
+        self.squared = products.squared - float(self.pulled @ self.pulled)
         self.log_determinant = products.log_determinant + 2.0 * float(np.log(self._factor.diagonal()).sum())
 
     @classmethod
@@ -150,11 +150,11 @@ class Beside:
         places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
         return cls(products, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
-    def _solved(self, values: FloatArray) -> FloatArray:
+    def _solved(self, values: FloatArray, *, transposed: bool = True) -> FloatArray:
         if not len(self._weights):
             return values
         # Millions of small solutions: the routine itself, without what checks its arguments.
-        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=0, trans=1)[0]
+        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=0, trans=transposed)[0]
         return solution
 
     @property
@@ -173,8 +173,19 @@ class Beside:
 
         From their inner products with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
-        seen = self._solved(self._weights[:, None] * shared)
-        return inner - seen.T @ seen, projected - seen.T @ self._pulled
+        taken = self.taken(shared)
+        return inner - taken.T @ taken, projected - taken.T @ self.pulled
+
+    def taken(self, shared: FloatArray) -> FloatArray:
+        """Return columns, from their inner products with the groups' (k, a), as far as the groups take them up, (k, a).
+
+        In orthonormal coordinates of these; :attr:`pulled` is the residual in them.
+        """
+        return self._solved(self._weights[:, None] * shared)
+
+    def back(self, coordinates: FloatArray) -> FloatArray:
+        """Return the groups' coefficients over their standard deviations, (k,), that make coordinates (k,)."""
+        return self._solved(coordinates, transposed=False)
 
     @functools.cached_property
     def _seen(self) -> FloatArray:
@@ -185,7 +196,7 @@ class Beside:
     @functools.cached_property
     def projected(self) -> FloatArray:
         """Inner products of all columns with the residual, (K,)."""
-        return self._products.projected - self._seen @ self._pulled
+        return self._products.projected - self._seen @ self.pulled
 
     def inner(self, some: Indices, others: Indices) -> FloatArray:
         """Return the inner products of some columns (a,) with others (b,), shape (a, b), where many are asked for."""
@@ -194,7 +205,7 @@ class Beside:
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
         back = self._solved(np.eye(len(self._weights)))
-        return back.T @ self._pulled, back.T @ back
+        return back.T @ self.pulled, back.T @ back
 
 
 def _factor(matrix: FloatArray) -> FloatArray:
