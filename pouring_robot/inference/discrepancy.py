@@ -10,19 +10,17 @@ Nothing here knows the robot.
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import Beside, Gram, bayes_factor, largest_scale
+from pouring_robot.inference.evidence import Beside, bayes_factor, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.processes import Channel, Part, Process, between
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.inference.processes import Process
+from pouring_robot.inference.together import Found, SeenProcesses, Together
+from pouring_robot.mechanism.arrays import FloatArray, rms
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,115 +55,30 @@ class Challenge:
 
 
 _NOTHING = Process("", "", {})
-_AT_HAND = 2**26
-"""Room for channels that were held against everything, in bytes: processes that share them are next to each other."""
 _MOST_TOGETHER = 6
 """So many processes may be what is unknown beside a cause or in its place: more than data of one campaign have told."""
 _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """A process at one length scale in one problem."""
-
-    process: Process  # the process
-    length: str  # the scale in words
-    absorbed: FloatArray  # inner products of its columns with what free unknowns explain, (f, k)
-    inner: FloatArray  # of its columns with each other beside those, (k, k)
-    projected: FloatArray  # of its columns with the residual, (k,)
-    shared: FloatArray  # of the columns of a hypothesis with its own, (q, k)
-    factor: float = 1.0  # how many times as large the noise is as that over which its parts are
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return self.process.lengths[self.length]
-
-    @classmethod
-    def of(cls, process: Process, length: str, against: Callable[[Channel], FloatArray], free: int) -> _Seen:
-        """Return it beside what free unknowns explain.
-
-        A channel is held against values, (n, q): their axes, so many, then the residual and the columns of the
-        hypothesis, free of those.
-        """
-        parts = process.lengths[length]
-        values = np.vstack([part.course.T @ against(part.channel) for part in parts]).T
-        absorbed = values[:free]
-        inner = between(parts, parts) - absorbed.T @ absorbed
-        return cls(process, length, absorbed, inner, values[free], values[free + 1 :])
-
-    def under(self, factor: float) -> _Seen:
-        """Return the same where the noise is so many times as large."""
-        inner, projected, shared = (own / factor**2 for own in (self.inner, self.projected, self.shared))
-        return replace(
-            self,
-            absorbed=self.absorbed / factor,
-            inner=inner,
-            projected=projected,
-            shared=shared,
-            factor=self.factor * factor,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Left:
-    """What a hypothesis leaves to a process at one length scale."""
-
-    seen: _Seen  # the process there
-    taken: FloatArray  # what it takes up of its columns, in coordinates of its own (q, k)
-    inner: FloatArray  # inner products of its columns with each other beside that, (k, k)
-    projected: FloatArray  # of its columns with the residual, (k,)
-
-    @classmethod
-    def of(cls, seen: _Seen, beside: Beside) -> _Left:
-        """Return it beside all columns of a hypothesis."""
-        taken = beside.taken(seen.shared)
-        return cls(seen, taken, seen.inner - taken.T @ taken, seen.projected - taken.T @ beside.pulled)
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """A process at its best length scale beside something."""
-
-    evidence: float  # averaged over its length scales, in nats
-    left: _Left  # it at the best of them
-    amplitude: float  # the most probable one
-    inner: FloatArray  # inner products of its columns beside that something, (k, k)
-    projected: FloatArray  # of its columns with the residual, (k,)
-
-    @property
-    def seen(self) -> _Seen:
-        return self.left.seen
-
-    @property
-    def name(self) -> str:
-        return self.seen.process.name
-
-    @property
-    def squared(self) -> float:
-        """Squared length of what it explains, in noise variances."""
-        scaled = self.amplitude**2 * self.inner
-        mean = scipy.linalg.solve(scaled + np.eye(len(scaled)), self.amplitude * self.projected, assume_a="pos")
-        return max(float(mean @ scaled @ mean), 0.0)
-
-
 class Discrepancy:
     """What processes find beside a hypothesis, and in the place of its causes; all inner products are formed once."""
 
     def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
-        self.hypothesis = hypothesis
-        places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
-        self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
-        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
-        kept = max(1, _AT_HAND // max(values.nbytes, 1))
-        against = lru_cache(kept)(lambda channel: channel.against(values))
-        self._seen = {
-            process.name: [_Seen.of(process, length, against, nuisance.dof) for length in process.lengths]
-            for process in processes
-        }
-        self._known: dict[tuple[_Left, _Left], FloatArray] = {}
+        self._seen = SeenProcesses.of(hypothesis, processes)
         self._less: dict[tuple[int, ...], Discrepancy] = {}
-        self._sums: dict[tuple[float, int], list[_Found]] = {}
+        self._sums: dict[tuple[float, int], Together] = {}
+
+    @classmethod
+    def _of(cls, seen: SeenProcesses) -> Discrepancy:
+        new = cls(seen.hypothesis, ())
+        new._seen = seen
+        return new
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """Beside which it is."""
+        return self._seen.hypothesis
 
     def __len__(self) -> int:
         return len(self._seen)
@@ -173,22 +86,8 @@ class Discrepancy:
     def without(self, indices: Sequence[int]) -> Discrepancy:
         """Return the same beside the hypothesis without a cause, by indices of the items that make it."""
         if tuple(indices) not in self._less:
-            again = self._beside_another(self.hypothesis.without(indices))
-            places = again.hypothesis.everything.places.tolist()
-            own = np.array([self._own[k] for k in places], dtype=np.intp)
-            again._own = dict(zip(places, range(len(places)), strict=True))
-            again._seen = {
-                name: [replace(one, shared=one.shared[own]) for one in lengths] for name, lengths in self._seen.items()
-            }
-            self._less[tuple(indices)] = again
+            self._less[tuple(indices)] = self._of(self._seen.without(indices))
         return self._less[tuple(indices)]
-
-    def _beside_another(self, hypothesis: Hypothesis) -> Discrepancy:
-        again = copy.copy(self)
-        again.hypothesis, again._known, again._less, again._sums = hypothesis, {}, {}, {}
-        for worked_out in ("_left", "_alone"):
-            vars(again).pop(worked_out, None)
-        return again
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
         """Return the process that would explain best in the place of a cause, by indices of the items that make it.
@@ -197,11 +96,11 @@ class Discrepancy:
         cause is only the nearest neighbour of what is at work.
         """
         effects = {self.hypothesis.items[k].effect for k in indices}
-        others = [found for found in self.without(indices)._alone if not effects & found.seen.process.same_as]
+        others = [found for found in self.without(indices)._seen.alone if not effects & found.process.same_as]
         if not others:
             return Challenge(_NOTHING, -np.inf)
         best = max(others, key=lambda found: found.evidence)
-        return Challenge(best.seen.process, best.evidence - self.hypothesis.worth(indices))
+        return Challenge(best.process, best.evidence - self.hypothesis.worth(indices))
 
     def noise(self) -> tuple[float, float]:
         """Return how many times as large the noise would be, and the log evidence for that in nats.
@@ -220,16 +119,14 @@ class Discrepancy:
 
     def under(self, factor: float) -> Discrepancy:
         """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
-        again = self._beside_another(self.hypothesis.under(factor))
-        again._seen = {name: [one.under(factor) for one in lengths] for name, lengths in self._seen.items()}
-        return again
+        return self._of(self._seen.under(factor))
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""
-        found = sorted((one for one in self._alone if one.evidence >= least_evidence), key=lambda one: -one.evidence)
+        found = sorted((f for f in self._seen.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
         return [
-            Structure(f.seen.process, f.seen.length, f.amplitude, f.evidence, float(np.sqrt(f.squared / count)))
+            Structure(f.process, f.left.seen.length, f.amplitude, f.evidence, float(np.sqrt(f.squared / count)))
             for f in found
         ]
 
@@ -258,74 +155,38 @@ class Discrepancy:
         return min(lead, own - rest._together(names) - max(taken, 0.0))
 
     def _names(self, least_evidence: float) -> tuple[str, ...]:
-        return tuple(one.name for one in self._chosen(least_evidence, _MOST_TOGETHER))
+        return self._chosen(least_evidence, _MOST_TOGETHER).names
 
-    def _refound(self, names: Iterable[str]) -> list[_Found]:
-        """Return processes by name, each beside those before it."""
-        found: list[_Found] = []
+    def _refound(self, names: Iterable[str]) -> Together:
+        """Return processes by name, each as it is beside those before it."""
+        together = Together(self._seen)
         for name in names:
-            found.append(self._found(self._left[name], self._beside(found), found))
-        return found
+            together = Together(self._seen, [*together.found, together.worth(name)])
+        return together
 
     def _together(self, names: Iterable[str]) -> float:
         """Return what processes are worth together, in nats."""
-        return sum(one.evidence for one in self._refound(names))
+        return sum(one.evidence for one in self._refound(names).found)
 
     def _more(self, names: tuple[str, ...]) -> dict[str, float]:
         """Return what each other process is worth beside some, in nats."""
-        found = self._refound(names)
-        beside, others = self._beside(found), {name: one for name, one in self._left.items() if name not in names}
-        return {name: self._found(one, beside, found).evidence for name, one in others.items()}
+        return {found.name: found.evidence for found in self._refound(names).all(but=names)}
 
-    def _chosen(self, least_evidence: float, most: int) -> list[_Found]:
+    def _chosen(self, least_evidence: float, most: int) -> Together:
         if (least_evidence, most) not in self._sums:
             self._sums[least_evidence, most] = self._greedy(least_evidence, most)
         return self._sums[least_evidence, most]
 
-    def _greedy(self, least_evidence: float, most: int) -> list[_Found]:
-        chosen: list[_Found] = []
-        tried = {one.name: one for one in self._alone}
-        while len(chosen) < most:
-            best = self._best(tried, chosen, least_evidence)
+    def _greedy(self, least_evidence: float, most: int) -> Together:
+        chosen, tried = Together(self._seen), {one.name: one for one in self._seen.alone}
+        while len(chosen.found) < most:
+            best = _best(tried, chosen, least_evidence)
             if best is None:
                 break
-            chosen = self._settled([*chosen, best], least_evidence)
-            if best.name not in {one.name for one in chosen}:
+            chosen = _settled(Together(self._seen, [*chosen.found, best]), least_evidence)
+            if best.name not in chosen.names:
                 break
         return chosen
-
-    def _best(self, tried: dict[str, _Found], chosen: Sequence[_Found], least_evidence: float) -> _Found | None:
-        """Return the process that is worth most beside the chosen ones, if it is worth enough.
-
-        What a process is worth hardly grows as others are added, so that most need not be looked at again (lazy greedy
-        choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
-        ``tried`` has all by name, as they were when last looked at, and is brought up to date in place.
-        """
-        beside, taken = self._beside(chosen), {one.name for one in chosen}
-        left = {name: one for name, one in tried.items() if name not in taken}
-        stale = set(left) if chosen else set()
-        while left:
-            best = max(left, key=lambda name: left[name].evidence)
-            enough = left[best].evidence >= least_evidence
-            if enough and best not in stale:
-                return left[best]
-            if not stale:
-                break
-            for name in [best] if enough else sorted(stale):
-                left[name] = tried[name] = self._found(self._left[name], beside, chosen)
-                stale.discard(name)
-        return None
-
-    def _settled(self, chosen: Sequence[_Found], least_evidence: float) -> list[_Found]:
-        """Return the same, each with the amplitude and length it has beside the others, without what is not missed."""
-        settled = list(chosen)
-        for one in chosen if len(chosen) > 1 else ():
-            others = [other for other in settled if other.name != one.name]
-            again = self._found(self._left[one.name], self._beside(others), others)
-            settled = [again if other.name == one.name else other for other in settled]
-            if again.evidence < least_evidence:
-                settled = others
-        return settled
 
     def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
         """Return the conditions that would explain as much, but for some nats, in the place of a summand, best first.
@@ -333,9 +194,8 @@ class Discrepancy:
         The summand and those beside it are what :meth:`sum` found.
         """
         others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
-        least = summand.evidence - apart
-        found = [f for f in self._tried(self._beside(others), others) if f.evidence > least and f.name not in taken]
-        return tuple(f.seen.process.by for f in sorted(found, key=lambda f: -f.evidence))
+        found = [f for f in others.all(but=taken) if f.evidence > summand.evidence - apart]
+        return tuple(f.process.by for f in sorted(found, key=lambda f: -f.evidence))
 
     def bounds(self, beside: Sequence[Summand]) -> dict[str, float]:
         """Return of every other process, by name, what its movement is below with a probability of 97.5 %.
@@ -343,107 +203,66 @@ class Discrepancy:
         Root mean squares over the rows, in m or rad, beside what :meth:`sum` found.
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
-        place, bounds = self._beside(chosen), {}
-        for name, lengths in self._left.items():
+        bounds = dict[str, float]()
+        for name, lengths in self._seen.left.items():
             if name not in taken:
                 sizes = [max(part.rms for part in one.seen.parts) for one in lengths]
-                largest = [largest_scale(*self._outside(place, chosen, one)) for one in lengths]
+                largest = [largest_scale(*chosen.products(one)) for one in lengths]
                 bounds[name] = max(size * scale for size, scale in zip(sizes, largest, strict=True))
         return bounds
 
-    @cached_property
-    def _left(self) -> dict[str, list[_Left]]:
-        """Processes by name at each length scale."""
-        everything = self.hypothesis.everything
-        return {name: [_Left.of(one, everything) for one in lengths] for name, lengths in self._seen.items()}
-
-    @cached_property
-    def _alone(self) -> list[_Found]:
-        return list(self._tried(self._beside(())))
-
-    def _tried(self, beside: Beside, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
-        """Yield each process beside chosen ones."""
-        for lengths in self._left.values():
-            yield self._found(lengths, beside, chosen)
-
-    def _found(self, lengths: Sequence[_Left], beside: Beside, chosen: Sequence[_Found]) -> _Found:
-        """Return one process, at all its length scales, beside the same."""
-        products = [self._outside(beside, chosen, one) for one in lengths]
-        worths = [bayes_factor(*one) for one in products]
-        evidences = np.array([worth.evidence for worth in worths])
-        best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
-        return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
-
-    def _outside(self, beside: Beside, chosen: Sequence[_Found], one: _Left) -> tuple[FloatArray, FloatArray]:
-        shared = [np.zeros((0, len(one.projected))), *(self._shared(other.left, one) for other in chosen)]
-        return beside.outside(np.vstack(shared), one.inner, one.projected)
-
-    def _shared(self, one: _Left, other: _Left) -> FloatArray:
-        """Return the inner products of two processes beside free unknowns and the hypothesis, (k, l)."""
-        if (other, one) in self._known:
-            return self._known[other, one].T
-        if (one, other) not in self._known:
-            first, second = one.seen, other.seen
-            whole = between(first.parts, second.parts) / (first.factor * second.factor)
-            self._known[one, other] = whole - first.absorbed.T @ second.absorbed - one.taken.T @ other.taken
-        return self._known[one, other]
-
-    def _beside(self, chosen: Sequence[_Found]) -> Beside:
-        """Return what is to be seen beside the hypothesis and chosen processes; its groups are these."""
-        everything = self.hypothesis.everything
-        blocks = [
-            [one.left.inner if other is one else self._shared(one.left, other.left) for other in chosen]
-            for one in chosen
-        ]
-        projected = np.concatenate([np.zeros(0), *(one.left.projected for one in chosen)])
-        weights = np.concatenate([np.zeros(0), *(np.full(len(one.projected), one.amplitude) for one in chosen)])
-        inner = np.block(blocks) if blocks else np.zeros((0, 0))
-        gram = Gram(inner, projected, everything.squared, everything.log_determinant)
-        return Beside(gram, np.arange(len(projected)), weights)
-
-    def _summands(self, chosen: Sequence[_Found]) -> Iterator[Summand]:
-        """Yield the chosen processes, each with its share of what they do together."""
-        if not chosen:
-            return
-        means, covariances = self._beside(chosen).coefficients()
-        problem, first, columns = self.hypothesis.problem, 0, self.hypothesis.columns
-        whole = self._explained(chosen, means, columns)
-        for one in chosen:
-            own = slice(first, first := first + len(one.seen.projected))
+    def _summands(self, together: Together) -> Iterator[Summand]:
+        """Yield processes, each with its share of what they do together."""
+        means, covariances = together.beside.coefficients()
+        problem, columns = self.hypothesis.problem, self.hypothesis.columns
+        whole = together.explained(means, columns)
+        for one in together.found:
+            own, seen = together.own(one), one.left.seen
             mean, covariance = one.amplitude * means[own], one.amplitude**2 * covariances[own, own]
-            movement, std, part, at = [], [], np.zeros(len(problem.residual)), 0
-            for piece in one.seen.parts:
-                place = slice(at, at := at + piece.course.shape[1])
-                movement.append(piece.course @ mean[place])
-                std.append(np.sqrt(piece.variances(covariance[place, place])))
-                part += piece.channel.column * (piece.channel.rows.T @ movement[-1])
-            part = problem.nuisance.cleared(part)
-            size = float(np.sqrt((part @ part) / len(part)))
-            others = [other for other in chosen if other is not one]
-            beside = self._beside(others)
-            worth = bayes_factor(*self._outside(beside, others, one.left)).evidence
-            missed = problem.nuisance.cleared(whole - self._explained(others, beside.coefficients()[0], columns))
-            facts = one.seen.process, one.seen.length, one.amplitude, worth
-            yield Summand(*facts, size, part, missed, np.column_stack(movement), np.column_stack(std))
+            places = [*zip(seen.parts, seen.spans, strict=True)]
+            movement = np.column_stack([part.course @ mean[place] for part, place in places])
+            std = np.column_stack([np.sqrt(part.variances(covariance[place, place])) for part, place in places])
+            part = problem.nuisance.cleared(sum(seen.pieces(mean), np.zeros(len(columns))))
+            worth = bayes_factor(*together.left_to(one)).evidence
+            missed = problem.nuisance.cleared(whole - together.explained(together.beside.means_without(own), columns))
+            yield Summand(one.process, seen.length, one.amplitude, worth, rms(part), part, missed, movement, std)
 
-    def _explained(self, chosen: Sequence[_Found], means: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return what the hypothesis and chosen processes explain together, (m,), by coefficients of these, (k,).
-
-        ``columns`` are those of the hypothesis, (m, q).
-        """
-        everything, at, explained = self.hypothesis.everything, 0, np.zeros(len(columns))
-        pulled = everything.pulled
-        for one in chosen:
-            values = one.amplitude * means[at : at + len(one.projected)]
-            pulled = pulled - one.left.taken @ values
-            for piece in one.seen.parts:
-                own = one.amplitude * means[at : (at := at + piece.course.shape[1])]
-                explained += piece.channel.column * (piece.channel.rows.T @ (piece.course @ own))
-        return explained + columns @ (
-            np.concatenate([np.zeros(0), *self.hypothesis.weights()]) * everything.back(pulled)
-        )
-
-    def _again(self, summands: Sequence[Summand]) -> list[_Found]:
+    def _again(self, summands: Sequence[Summand]) -> Together:
         """Return what summands were made from."""
-        found = [(s, next(one for one in self._left[s.process.name] if one.seen.length == s.length)) for s in summands]
-        return [_Found(s.evidence, one, s.amplitude, one.inner, one.projected) for s, one in found]
+        left = self._seen.left
+        found = [(s, next(one for one in left[s.process.name] if one.seen.length == s.length)) for s in summands]
+        return Together(self._seen, [Found(s.evidence, o, s.amplitude, o.inner, o.projected) for s, o in found])
+
+
+def _best(tried: dict[str, Found], chosen: Together, least_evidence: float) -> Found | None:
+    """Return the process that is worth most beside the chosen ones, if it is worth enough.
+
+    What a process is worth hardly grows as others are added, so that most need not be looked at again (lazy greedy
+    choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
+    ``tried`` has all by name, as they were when last looked at, and is brought up to date in place.
+    """
+    left = {name: one for name, one in tried.items() if name not in chosen.names}
+    stale = set(left) if chosen.found else set()
+    while left:
+        best = max(left, key=lambda name: left[name].evidence)
+        enough = left[best].evidence >= least_evidence
+        if enough and best not in stale:
+            return left[best]
+        if not stale:
+            break
+        for name in [best] if enough else sorted(stale):
+            left[name] = tried[name] = chosen.worth(name)
+            stale.discard(name)
+    return None
+
+
+def _settled(together: Together, least_evidence: float) -> Together:
+    """Return the same, each with the amplitude and length it has beside the others, without what is not missed."""
+    for one in together.found if len(together.found) > 1 else ():
+        others = together.others(one)
+        again = others.worth(one.name)
+        if again.evidence < least_evidence:
+            together = others
+        elif (again.left, again.amplitude) != (one.left, one.amplitude):
+            together = Together(together.seen, [again if other is one else other for other in together.found])
+    return together

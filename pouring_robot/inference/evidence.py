@@ -204,8 +204,30 @@ class Beside:
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
-        back = self._solved(np.eye(len(self._weights)))
-        return back.T @ self.pulled, back.T @ back
+        return self.back(self.pulled), self._covariance
+
+    @functools.cached_property
+    def _covariance(self) -> FloatArray:
+        if not len(self._weights):
+            return np.zeros((0, 0))
+        upper = np.triu(scipy.linalg.lapack.dpotri(self._factor, lower=0)[0])
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    def left_out(self, own: slice) -> tuple[FloatArray, FloatArray]:
+        """Return :meth:`of` for some of the groups' columns (a,) beside all their others.
+
+        By inverting in blocks: the covariance of their coefficients is (1 + W S W)⁻¹ for what is asked for, S.
+        """
+        means, covariance = self.coefficients()
+        inverse, weights = np.linalg.inv(covariance[own, own]), self._weights[own]
+        inner = (inverse - np.eye(len(inverse))) / np.outer(weights, weights)
+        return inner, inverse @ means[own] / weights
+
+    def means_without(self, own: slice) -> FloatArray:
+        """Return the mean coefficients (k,) where some of the groups' columns (a,) are not there: zero for these."""
+        means, covariance = self.coefficients()
+        gone = scipy.linalg.solve(covariance[own, own], means[own], assume_a="pos")
+        return np.asarray(means - covariance[:, own] @ gone)
 
 
 def _factor(matrix: FloatArray) -> FloatArray:
