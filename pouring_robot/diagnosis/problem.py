@@ -75,8 +75,8 @@ def _distinct(effect: str, forms: Iterable[Form], kept: Collection[tuple[str, st
 
 def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:
     """Yield the kinds of workmanship with their columns in all equations."""
+    within = math.inf if library.made_within is None else library.made_within
     for effect, form in library.workmanship.items():
-        within = math.inf if library.made_within is None else library.made_within
         most = within / min(p.prior_std for p in form.parameters)
         yield Workmanship(effect, Signatures(rows, form.parameters, linear), most)
 

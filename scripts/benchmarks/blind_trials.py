@@ -188,6 +188,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--records", type=Path, nargs="+", help="read records instead of diagnosing")
     parser.add_argument("--plot", type=Path, help="draw reliability and power as this PNG, a series for each records")
     options = parser.parse_args(arguments)
+    if options.told and options.folder is None:
+        parser.error("--told is of the campaigns in a --folder: the rig's truth does not say how joints are made")
     if options.records:
         sets = [(path.stem, _recorded(path)) for path in options.records]
         seconds = 0.0
