@@ -21,7 +21,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
 """Of one answer, between two searches and at the end; most stay after one or two."""
-_PATIENCE, _NEARER = 3, 0.5
+_PATIENCE, _NEARER = 5, 0.5
 """In so many steps the least that an answer moves by falls to this share: one that goes to and fro will not stay."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
