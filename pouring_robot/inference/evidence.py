@@ -327,7 +327,8 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
     diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
     for k, own in enumerate(weights):
         bordered = np.zeros((count + 1, count + 1), order="F")
-        bordered[1:, 0], bordered[1:, 1:] = own * projected, own[:, None] * columns * own
+        bordered[1:, 0] = own * projected
+        np.multiply(own[:, None] * columns, own, out=bordered[1:, 1:].T)  # as it lies in memory
         _, whole, beside[:, k, 0], _, _ = scipy.linalg.lapack.dsytrd(
             bordered, lower=1, lwork=_BLOCK * count, overwrite_a=1
         )
