@@ -256,7 +256,7 @@ class _Work:
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(after, hypothesis)
         judgement = judge(
             hypothesis,
-            Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
+            Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
             Thresholds(self.options.false_names),
             noise_known=known,
             unexplained=misfit,

@@ -245,7 +245,7 @@ def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied
     """
     items = {effect: hypothesis.of_effect(effect) for effect in effects}
     squared = {effect: hypothesis.size(*indices) for effect, indices in items.items()}
-    varying = functools.cache(lambda effect: Discrepancy(hypothesis, varied(effect)))
+    varying = functools.cache(lambda effect: Discrepancy.of(hypothesis, varied(effect)))
     kept: list[str] = []
     for effect in sorted(effects, key=lambda effect: -squared[effect]):
         lead = min((-varying(larger).challenge(items[effect]).margin for larger in kept), default=np.inf)

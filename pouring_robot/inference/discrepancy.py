@@ -64,16 +64,15 @@ _FACTORS = np.geomspace(1.01, 1e3, 200)
 class Discrepancy:
     """What processes find beside a hypothesis, and in the place of its causes; all inner products are formed once."""
 
-    def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
-        self._seen = SeenProcesses.of(hypothesis, processes)
+    def __init__(self, seen: SeenProcesses) -> None:
+        self._seen = seen
         self._less: dict[tuple[int, ...], Discrepancy] = {}
         self._sums: dict[tuple[float, int], Together] = {}
 
     @classmethod
-    def _of(cls, seen: SeenProcesses) -> Discrepancy:
-        new = cls(seen.hypothesis, ())
-        new._seen = seen
-        return new
+    def of(cls, hypothesis: Hypothesis, processes: Iterable[Process]) -> Discrepancy:
+        """Return that of processes beside a hypothesis."""
+        return cls(SeenProcesses.of(hypothesis, processes))
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -86,7 +85,7 @@ class Discrepancy:
     def without(self, indices: Sequence[int]) -> Discrepancy:
         """Return the same beside the hypothesis without a cause, by indices of the items that make it."""
         if tuple(indices) not in self._less:
-            self._less[tuple(indices)] = self._of(self._seen.without(indices))
+            self._less[tuple(indices)] = Discrepancy(self._seen.without(indices))
         return self._less[tuple(indices)]
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
@@ -119,7 +118,7 @@ class Discrepancy:
 
     def under(self, factor: float) -> Discrepancy:
         """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
-        return self._of(self._seen.under(factor))
+        return Discrepancy(self._seen.under(factor))
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

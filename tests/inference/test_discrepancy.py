@@ -38,7 +38,7 @@ def test_a_step_in_time_and_a_curve_over_load_are_told_apart(described, rng):
     step = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
     curve = rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)
     for residual, by in ((step, "time"), (curve, "load")):
-        found = Discrepancy(nothing(residual), descriptions).structures()
+        found = Discrepancy.of(nothing(residual), descriptions).structures()
         assert found[0].process.name == f"place by {by}"
         assert found[0].evidence > 10.0
         assert [s.evidence for s in found] == sorted((s.evidence for s in found), reverse=True)
@@ -53,7 +53,7 @@ def test_noise_has_no_structure():
             Process.of_columns("place", "time", wandering(TIME)),
             Process.of_columns("place", "x", smooth(TIME, 10.0)),
         ]
-        alarms += bool(Discrepancy(nothing(residual), descriptions).structures())
+        alarms += bool(Discrepancy.of(nothing(residual), descriptions).structures())
     assert alarms <= 5  # Markov: at most 2 exp(-3) of 50, which is 5
 
 
@@ -69,7 +69,7 @@ def test_the_sum_is_that_of_gaussian_processes(described, rng):
     item = explanation("a", rng.normal(size=(ROWS, 2)))
     residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33) + 2.0 * np.cos(2.0 * load) + 2.0 * item.columns[:, 0]
     hypothesis = Hypothesis(problem(residual, [item]), (item,), (Scale(2.0),), ())
-    found = Discrepancy(hypothesis, descriptions).sum(5.0, 3)
+    found = Discrepancy.of(hypothesis, descriptions).sum(5.0, 3)
     assert {summand.process.by for summand in found} == {"time", "load"}
     noise = np.eye(ROWS) + 4.0 * item.columns @ item.columns.T
     total = noise + sum(covariance_of(summand) for summand in found)
@@ -100,7 +100,7 @@ def test_columns_need_not_be_written_out(rng):
     residual = 2.0 * channels[0].column * np.cos(2.0 * by)[row] + rng.normal(size=120)
     written = [Process.of_columns("end", p.by, columns_of(p.lengths[""])) for p in processes]
     one, other = (
-        Discrepancy(Hypothesis.nothing(problem(residual, (), free=free)), kind).sum(-np.inf, 2)
+        Discrepancy.of(Hypothesis.nothing(problem(residual, (), free=free)), kind).sum(-np.inf, 2)
         for kind in (processes, written)
     )
     for first, second in zip(one, other, strict=True):
@@ -112,7 +112,7 @@ def test_columns_need_not_be_written_out(rng):
 def test_a_condition_that_went_along_is_a_rival_and_one_that_did_not_is_bounded(described, rng):
     load, descriptions = described
     twin = Process.of_columns("place", "twin", smooth(standardised(load + 0.01 * rng.normal(size=ROWS)), 1.0))
-    discrepancy = Discrepancy(nothing(rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)), [*descriptions, twin])
+    discrepancy = Discrepancy.of(nothing(rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)), [*descriptions, twin])
     found = discrepancy.sum(5.0, 3)
     assert len(found) == 1
     assert {found[0].process.by, *discrepancy.rivals(found[0], ())} == {"load", "twin"}
@@ -124,27 +124,27 @@ def test_what_free_unknowns_absorb_is_no_structure(described, rng):
     _, descriptions = described
     step = (TIME >= 40).astype(float)[:, None]
     residual = rng.normal(size=ROWS) + 10.0 * step[:, 0]
-    assert Discrepancy(nothing(residual), descriptions).structures()[0].process.by == "time"
+    assert Discrepancy.of(nothing(residual), descriptions).structures()[0].process.by == "time"
     free = np.hstack([CONSTANT, step])
-    assert Discrepancy(nothing(residual, free=free), descriptions).structures() == []
+    assert Discrepancy.of(nothing(residual, free=free), descriptions).structures() == []
 
 
 def test_what_the_hypothesis_explains_is_no_structure(described, rng):
     load, descriptions = described
     item = explanation("linear", load[:, None])
     residual = rng.normal(size=ROWS) + 4.0 * load
-    assert Discrepancy(nothing(residual), descriptions).structures()[0].process.by == "load"
+    assert Discrepancy.of(nothing(residual), descriptions).structures()[0].process.by == "load"
     fitted = Hypothesis(problem(residual, [item]), (item,), (Scale(4.0),), ())
-    assert Discrepancy(fitted, descriptions).structures() == []
+    assert Discrepancy.of(fitted, descriptions).structures() == []
 
 
 def test_evidence_wanted_is_the_evidence_kept(described, rng):
     _, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
-    everything = Discrepancy(nothing(residual), descriptions).structures(-np.inf)
+    everything = Discrepancy.of(nothing(residual), descriptions).structures(-np.inf)
     assert len(everything) == 3
     bound = everything[1].evidence
-    assert len(Discrepancy(nothing(residual), descriptions).structures(bound + 1e-9)) == 1
+    assert len(Discrepancy.of(nothing(residual), descriptions).structures(bound + 1e-9)) == 1
 
 
 def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rng):
@@ -156,7 +156,7 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     for residual in (right, wrong):
         built: Problem = problem(residual, [cause])
         hypothesis = Hypothesis(built, (cause,), (Scale(1.0),), ()).settled()
-        margins.append(Discrepancy(hypothesis, descriptions).challenge((0,)))
+        margins.append(Discrepancy.of(hypothesis, descriptions).challenge((0,)))
     assert margins[0].margin < 0.0
     assert margins[1].margin > 5.0
     assert margins[1].process.name == "place by load"
@@ -166,7 +166,7 @@ def leading(residual, columns, processes, least=3.0):
     """Return the lead of a cause of such columns, what it is worth, and the processes beside it, by name."""
     item = explanation("cause", columns - columns.mean(axis=0))  # what the free constant leaves of it
     hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
-    seen = Discrepancy(hypothesis, processes)
+    seen = Discrepancy.of(hypothesis, processes)
     return seen.lead((0,), least), hypothesis.worth((0,)), {s.process.name for s in seen.sum(least, 2)}
 
 
@@ -195,7 +195,7 @@ def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
     item = explanation("cause", axes[:, [10]])
     hypothesis = Hypothesis(problem(residual, [item]), (item,), (Scale(1.0),), ()).settled()
     for least in (3.0, np.inf):
-        lead = Discrepancy(hypothesis, processes).lead((0,), least)
+        lead = Discrepancy.of(hypothesis, processes).lead((0,), least)
         assert lead == pytest.approx(hypothesis.worth((0,)), rel=1e-6)
 
 
@@ -211,7 +211,7 @@ def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng)
     density = [
         multivariate_normal(cov=f**2 * np.eye(ROWS - 1) + covariance).logpdf(across @ residual) for f in (1.0, *factors)
     ]
-    factor, evidence = Discrepancy(hypothesis, []).noise()
+    factor, evidence = Discrepancy.of(hypothesis, []).noise()
     assert evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
     assert factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
 
@@ -229,7 +229,7 @@ def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
         ]
         built = problem(residual / stated, [item], free=CONSTANT)
         hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ())
-        seen = Discrepancy(hypothesis, processes)
+        seen = Discrepancy.of(hypothesis, processes)
         found.append(seen if stated == 3.0 else seen.under(3.0))
     under, anew = found
     assert under.hypothesis.worth((0,)) == pytest.approx(anew.hypothesis.worth((0,)), rel=1e-9)
@@ -243,11 +243,11 @@ def test_two_conditions_are_no_larger_noise(described, rng):
     """Each alone leaves the other's part, which a larger noise takes up; under it both are seen all the same."""
     load, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * np.cos(2.0 * load) + 3.0 * np.sin(TIME / 9.0)
-    seen = Discrepancy(nothing(residual), descriptions)
+    seen = Discrepancy.of(nothing(residual), descriptions)
     factor, evidence = seen.noise()
     assert evidence > 50.0
     assert seen.under(factor).structures()[0].evidence > 10.0
-    white = Discrepancy(nothing(3.0 * rng.normal(size=ROWS)), descriptions)
+    white = Discrepancy.of(nothing(3.0 * rng.normal(size=ROWS)), descriptions)
     factor, evidence = white.noise()
     assert (evidence > 50.0, factor) == (True, pytest.approx(3.0, rel=0.3))
     assert not white.under(factor).structures()

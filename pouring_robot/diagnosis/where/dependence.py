@@ -36,7 +36,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         # Time says more than the order of the rows, and the same.
         processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
         problem = Problem(data.cleared, data.nuisance, (), ())
-        discrepancy = Discrepancy(Hypothesis.nothing(problem), processes)
+        discrepancy = Discrepancy.of(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
         if data.noise_known or not found or turn == _NOISE_ROUNDS:
             break
