@@ -118,8 +118,8 @@ class Diagnoser:
             moves: list[float] = []
             while _goes_on(moves, _STEPS, _SETTLED):  # here, so that the first states are let go, of many rows large
                 state, hypothesis = self._stepped(state, hypothesis, moves)
-            problem = self.problem_at(state)
-            hypothesis = search(problem, self.thresholds, hypothesis.on(problem))
+            hypothesis = hypothesis.on(self.problem_at(state))
+            hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
             if hypothesis.keys == keys:
                 break
         return self.settled(state, hypothesis)
