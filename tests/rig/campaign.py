@@ -242,6 +242,9 @@ def _sized(
         moved, turned = tracker.difference(tracker.see(scene, unit * size), faultless)
         left = without(tracker.whiten(moved, turned), frames)
         ratio = rms(left)
+        if not ratio:  # such as a knock that is mended before the next session begins: it is drawn anew
+            unit = form(scene, rng)
+            continue
         if abs(ratio / item.ratio - 1.0) < 1e-9 or (size == cap and ratio < item.ratio):
             break
         size = min(cap, size * item.ratio / ratio)
