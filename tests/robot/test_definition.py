@@ -348,10 +348,11 @@ def test_a_centre_of_mass_may_be_thirty_times_as_far_as_the_robot_is_long(arm):
     assert RobotDefinition.load(arm).name == "two_joints"
 
 
-def test_blank_lines_may_stand_before_a_urdf(arm):
-    text = '\n <?xml version="1.0"?>\n' + ARM
-    arm.with_name("arm.urdf").write_text(text, encoding="utf-8")
-    assert RobotDefinition.load(arm).urdf() == text.lstrip()
+@pytest.mark.parametrize("before", ["\n ", "\ufeff", "\ufeff\r\n"])
+def test_blank_lines_may_stand_before_a_urdf(arm, before):
+    text = '<?xml version="1.0"?>\n' + ARM
+    arm.with_name("arm.urdf").write_text(before + text, encoding="utf-8")
+    assert RobotDefinition.load(arm).urdf() == text
     assert "urdf: arm.urdf" in first_robot_file(arm.with_name("arm.urdf"), arm.parent)
 
 

@@ -40,8 +40,11 @@ def description_folder() -> Path:
 
 
 def read_urdf(path: Path) -> str:
-    """Return the text of a URDF without blank lines before it, which readers of URDFs allow and XML does not."""
-    return read_text(path).lstrip()
+    """Return the text of a URDF without blank lines before it, which readers of URDFs allow and XML does not.
+
+    Nor with the mark that some editors begin a file with.
+    """
+    return read_text(path).lstrip("\ufeff \t\r\n")
 
 
 def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
