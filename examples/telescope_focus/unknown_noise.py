@@ -133,7 +133,7 @@ class UnknownNoise:
         table = np.full((len(described), len(self.noises)), -np.inf)
         for g, (noise, h) in enumerate(zip(self.noises.tolist(), weighed.at, strict=True)):
             scaled = [Process.of_columns(d.where, d.by, columns_of(d.lengths[""]) / noise) for d in described]
-            found = Discrepancy(h, scaled).structures(-np.inf)
+            found = Discrepancy.of(h, scaled).structures(-np.inf)
             evidence = {item.process.name: item.evidence for item in found}
             table[:, g] = [evidence.get(d.name, -np.inf) for d in described]
         values = logsumexp(weighed.log_density + table, axis=1) - logsumexp(weighed.log_density)
