@@ -332,6 +332,7 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
         ('<link name="tip"/>', TIP.format("-2"), "link 'tip': a mass of -2 kg"),
         ('<link name="tip"/>', TIP.format("two"), "axes, limits and masses are numbers"),
         ('<link name="tip"/>', FAR.format("0 -64.5 0"), "link 'tip': a centre of mass 64.5 m from its frame"),
+        ('<link name="tip"/>', FAR.format("0 x 0"), "link tip: origin xyz='0 x 0' is not three numbers"),
         ('<link name="tip"/>', FAR.format("nan 0 0"), "link 'tip': a centre of mass nan m from its frame"),
     ],
 )

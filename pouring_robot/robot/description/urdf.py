@@ -259,7 +259,8 @@ def _three(element: etree._Element, attribute: str, source: Path | str) -> Float
     try:
         x, y, z = (float(part) for part in written.split())
     except ValueError as error:
-        problem = f"{element.tag} {element.get('name')}: origin {attribute}='{written}' is not three numbers"
+        named = element if element.get("name") else element.getparent()  # a mass is its link's
+        problem = f"{named.tag} {named.get('name')}: origin {attribute}='{written}' is not three numbers"
         raise DescriptionError(source, problem) from error
     return np.array([x, y, z])
 
