@@ -108,10 +108,9 @@ class Discrepancy:
         """
         problem, fitted = self.hypothesis.problem, self.hypothesis.everything
         equations = len(problem.residual) - problem.nuisance.dof
-        weights = np.concatenate([np.zeros(0), *self.hypothesis.weights()])
         densities = np.empty(len(_FACTORS))
         for k, factor in enumerate(_FACTORS):  # coefficients that are so many times smaller, over the noise
-            seen = Beside(problem.gram, fitted.places, weights / factor)
+            seen = Beside(problem.gram, fitted.places, fitted.weights / factor)
             densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
         evidence = float(logsumexp(densities)) - np.log(len(densities)) - fitted.log_likelihood
         return float(_FACTORS[np.argmax(densities)]), float(evidence)

@@ -134,7 +134,7 @@ class Beside:
     """
 
     def __init__(self, products: Products, places: Indices, weights: FloatArray) -> None:
-        self._products, self.places, self._weights = products, places, weights
+        self._products, self.places, self.weights = products, places, weights
         inner = products.inner(places, places)
         inner *= weights
         inner *= weights[:, None]
@@ -151,7 +151,7 @@ class Beside:
         return cls(products, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
     def _solved(self, values: FloatArray, *, transposed: bool = True) -> FloatArray:
-        if not len(self._weights):
+        if not len(self.weights):
             return values
         # Millions of small solutions: the routine itself, without what checks its arguments.
         solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=0, trans=transposed)[0]
@@ -181,7 +181,7 @@ class Beside:
 
         In orthonormal coordinates of these; :attr:`pulled` is the residual in them.
         """
-        return self._solved(self._weights[:, None] * shared)
+        return self._solved(self.weights[:, None] * shared)
 
     def back(self, coordinates: FloatArray) -> FloatArray:
         """Return the groups' coefficients over their standard deviations, (k,), that make coordinates (k,)."""
@@ -191,7 +191,7 @@ class Beside:
     def _seen(self) -> FloatArray:
         """All columns, as far as they are in the groups' space, (K, k)."""
         every = np.arange(len(self._products.projected), dtype=np.intp)
-        return self._solved(self._weights[:, None] * self._products.inner(self.places, every)).T
+        return self.taken(self._products.inner(self.places, every)).T
 
     @functools.cached_property
     def projected(self) -> FloatArray:
@@ -208,7 +208,7 @@ class Beside:
 
     @functools.cached_property
     def _covariance(self) -> FloatArray:
-        if not len(self._weights):
+        if not len(self.weights):
             return np.zeros((0, 0))
         upper = np.triu(scipy.linalg.lapack.dpotri(self._factor, lower=0)[0])
         return np.asarray(upper + np.triu(upper, 1).T)
@@ -219,7 +219,7 @@ class Beside:
         By inverting in blocks: the covariance of their coefficients is (1 + W S W)⁻¹ for what is asked for, S.
         """
         means, covariance = self.coefficients()
-        inverse, weights = np.linalg.inv(covariance[own, own]), self._weights[own]
+        inverse, weights = np.linalg.inv(covariance[own, own]), self.weights[own]
         inner = (inverse - np.eye(len(inverse))) / np.outer(weights, weights)
         return inner, inverse @ means[own] / weights
 

@@ -243,11 +243,10 @@ class Together:
 
         ``columns`` are those of the hypothesis, (m, q).
         """
-        hypothesis, explained = self.seen.hypothesis, np.zeros(len(columns))
-        pulled = hypothesis.everything.pulled
+        everything, explained = self.seen.hypothesis.everything, np.zeros(len(columns))
+        pulled = everything.pulled
         for one in self.found:
             values = one.amplitude * means[self.own(one)]
             explained += sum(one.left.seen.pieces(values), np.zeros(len(columns)))
             pulled = pulled - one.left.taken @ values
-        weights = np.concatenate([np.zeros(0), *hypothesis.weights()])
-        return np.asarray(explained + columns @ (weights * hypothesis.everything.back(pulled)))
+        return np.asarray(explained + columns @ (everything.weights * everything.back(pulled)))
