@@ -96,8 +96,25 @@ def _wanted(job: Job, hidden: Iterable[dict[str, object]]) -> bool:
     return not job.effects or any(e["effect"] in job.effects for e in hidden)
 
 
+def campaigns() -> argparse.ArgumentParser:
+    """Return the part of a command line that says which campaigns are diagnosed, and how; see :func:`jobs`."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--cases", type=int, default=60, help="cases of the rig (60)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case (0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the rig's set (0)")
+    parser.add_argument("--far-tracker", action="store_true", help="the tracker stands metres away and turned")
+    parser.add_argument("--wide", action="store_true", help="rows, noise and workmanship vary as from shop to shop")
+    parser.add_argument("--folder", type=Path, help="folder of campaigns with truth.json, instead of the rig")
+    parser.add_argument("--kinds", default="", help="only these, by commas: null,single,pair,outside,confounded")
+    parser.add_argument("--effects", default="", help="only campaigns with one of these effects, by commas")
+    parser.add_argument("--no-exclude", action="store_true", help="no second run without the true effect")
+    parser.add_argument("--told", action="store_true", help="of a folder: say how well joints are made, as its truth")
+    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
+    return parser
+
+
 def jobs(options: argparse.Namespace) -> list[Job]:
-    """Return what the command line asks for."""
+    """Return what the command line asks for; what :func:`campaigns` reads."""
     kinds = frozenset(filter(None, options.kinds.split(",")))
     effects = frozenset(filter(None, options.effects.split(",")))
     if options.folder is None:
@@ -172,18 +189,9 @@ def _recorded(path: Path) -> list[Trial]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the trials, print the report and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=60, help="cases of the rig (60)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first case (0)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the rig's set (0)")
-    parser.add_argument("--far-tracker", action="store_true", help="the tracker stands metres away and turned")
-    parser.add_argument("--wide", action="store_true", help="rows, noise and workmanship vary as from shop to shop")
-    parser.add_argument("--folder", type=Path, help="folder of campaigns with truth.json, instead of the rig")
-    parser.add_argument("--kinds", default="", help="only these, by commas: null,single,pair,outside,confounded")
-    parser.add_argument("--effects", default="", help="only campaigns with one of these effects, by commas")
-    parser.add_argument("--no-exclude", action="store_true", help="no second run without the true effect")
-    parser.add_argument("--told", action="store_true", help="of a folder: say how well joints are made, as its truth")
-    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, parents=[campaigns()]
+    )
     parser.add_argument("--json", type=Path, help="write the records here")
     parser.add_argument("--records", type=Path, nargs="+", help="read records instead of diagnosing")
     parser.add_argument("--plot", type=Path, help="draw reliability and power as this PNG, a series for each records")

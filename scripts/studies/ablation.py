@@ -1,6 +1,6 @@
 """Ablation of the diagnosis: the same blind campaigns with one of its choices switched off at a time.
 
-    python -m scripts.studies.ablation --cases 40 --seed 90                    # the repository's rig, from shop to shop
+    python -m scripts.studies.ablation --wide --cases 40 --seed 90             # the repository's rig, from shop to shop
     python -m scripts.studies.ablation --folder DIR --without "bent effects"   # campaigns with truth.json, one choice
 
 Each row is one choice: how many trials say what they should with it switched off, and which ones it lost and won
@@ -29,7 +29,7 @@ from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
 from pouring_robot.inference.processes import Process
 from scripts.benchmarks.blind_metrics import failures
-from scripts.benchmarks.blind_trials import Job, jobs, run
+from scripts.benchmarks.blind_trials import Job, campaigns, jobs, run
 from tests.diagnosis.trial import Trial
 
 diagnosing = import_module("pouring_robot.diagnosis.diagnose")
@@ -37,8 +37,8 @@ diagnosing = import_module("pouring_robot.diagnosis.diagnose")
 
 
 def _put(owner: object, name: str, value: object) -> None:
-    """Replace something for as long as this process lives."""
-    patch.object(owner, name, value, create=not hasattr(owner, name)).start()
+    """Replace something for as long as this process lives; an AttributeError where it is not there any more."""
+    patch.object(owner, name, value).start()
 
 
 def _no_workmanship() -> None:
@@ -127,16 +127,12 @@ def trials_without(choice: str, work: Sequence[Job], workers: int) -> dict[str, 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line a choice."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=90)
-    parser.add_argument("--folder", type=Path)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, parents=[campaigns()]
+    )
     parser.add_argument("--without", action="append", choices=CHOICES, help="only this choice; may be repeated")
-    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
-    extra = argparse.Namespace(kinds="", effects="", far_tracker=False, wide=True, no_exclude=False)
-    work = jobs(argparse.Namespace(**vars(options), **vars(extra)))
+    work = jobs(options)
     usual = trials_without("", work, options.workers)
     right = _right(usual)
     sys.stdout.write(f"as it is: {len(right)} of {len(usual)} right\n\n")
