@@ -260,7 +260,6 @@ class _Work:
             Thresholds(self.options.false_names),
             noise_known=known,
             unexplained=misfit,
-            settled=not unsettled,
             varied=lambda effect: varied(
                 effect, diagnoser.added(hypothesis, effect, after.linear), rows.conditions, after.linear.row
             ),

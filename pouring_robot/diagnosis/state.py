@@ -117,7 +117,8 @@ class Diagnoser:
             keys = hypothesis.keys
             moves: list[float] = []
             while _goes_on(moves, _STEPS, _SETTLED):  # here, so that the first states are let go, of many rows large
-                state, hypothesis = self._stepped(state, hypothesis, moves)
+                state, hypothesis, moved = self._stepped(state, hypothesis)
+                moves.append(moved)
             hypothesis = hypothesis.on(self.problem_at(state))
             hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
             if hypothesis.keys == keys:
@@ -128,18 +129,16 @@ class Diagnoser:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
         moves: list[float] = []
         while _goes_on(moves, _MOST_STEPS, _EXACT):
-            state, hypothesis = self._stepped(state, hypothesis, moves)
+            state, hypothesis, moved = self._stepped(state, hypothesis)
+            moves.append(moved)
         return state, hypothesis.on(self.problem_at(state))
 
-    def _stepped(
-        self, state: LinearState, hypothesis: Hypothesis, moves: list[float]
-    ) -> tuple[LinearState, Hypothesis]:
-        """Put in what a hypothesis found, note how far that moved, and settle it there, all other effects left out."""
+    def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
+        """Put in what a hypothesis found, and settle it there, all other effects left out; say how far that moved."""
         state, moved = self._advanced(state, hypothesis)
-        moves.append(moved)
         found = {key: form for key, form in self.library.forms.items() if key in hypothesis.keys}
         problem = self._problem(state, state.linear, replace(self.library, forms=found))
-        return state, hypothesis.on(problem).settled()
+        return state, hypothesis.on(problem).settled(), moved
 
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
         """Search at a state that nothing was found at."""

@@ -135,7 +135,6 @@ def judge(
     *,
     noise_known: bool = True,
     unexplained: str = "",
-    settled: bool = True,
     varied: Varied = lambda effect: (),
 ) -> Judgement:
     """Return what may be said of a hypothesis, of the whole problem.
@@ -146,7 +145,6 @@ def judge(
         thresholds: when something counts.
         noise_known: whether the noise is that of the device, and not what is left over itself.
         unexplained: why something is unknown whatever is found here; "" if nothing is.
-        settled: whether causes do what the hypothesis foretells; of others none is sure beside something unknown.
         varied: how the size of each effect at work may vary; by default it does not.
     """
 
@@ -173,7 +171,7 @@ def judge(
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
-        found = replace(found, doubtful=_doubtful(beside, found) if settled else tuple(c.effect for c in causes))
+        found = replace(found, doubtful=_doubtful(beside, found))
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]

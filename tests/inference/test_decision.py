@@ -479,8 +479,6 @@ def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_
     for lead, doubtful in ((-30.0, ("small",)), (30.0, ())):
         judged = judge(sized(SURE, SURE), Left(**beaten, leads={(1,): lead}))
         assert (judged.doubtful, [*judged.beaten]) == (doubtful, ["small"])
-    adrift = judge(sized(SURE, SURE), Left(**beaten), settled=False)
-    assert {*adrift.doubtful} == {"large", "small"}
     known = judge(sized(SURE, SURE), Left(leads={(0,): 0.0}))
     assert (known.verdict, known.doubtful) == ("named", ())
     under = Left(leads={(0,): 0.0})
