@@ -330,16 +330,18 @@ class RobotDefinition:
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.
 
-        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out.
+        What does not close there, or with joints beyond limits, is left out.
         """
+        commands = drawing.commands(self._spread(drawing.mechanism, count))
+        kept = np.flatnonzero(drawing.in_reach(commands.start))
+        return commands.drives[kept], commands.start[kept]
+
+    def _spread(self, mechanism: ClosedChainMechanism, count: int) -> FloatArray:
+        """Return commands spread evenly between their limits, (count, k), in m and rad."""
         from scipy.stats import qmc  # heavy, and for this only
 
-        lower, upper = command_box(self.command_axes(drawing.mechanism))
-        shares = qmc.Halton(len(self.drives), scramble=False).random(count + 1)[1:]
-        drives = lower + (upper - lower) * shares
-        start = drawing.starts(drives)
-        kept = np.flatnonzero(drawing.in_reach(start))
-        return drives[kept], start[kept]
+        lower, upper = command_box(self.command_axes(mechanism))
+        return np.asarray(lower + (upper - lower) * qmc.Halton(len(lower), scramble=False).random(count + 1)[1:])
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
         """Return what commands the mechanism of the drawing: its drives."""

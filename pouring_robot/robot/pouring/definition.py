@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.batch.samples import BatchStart
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -56,16 +55,9 @@ class PouringDefinition(RobotDefinition):
         """Return the closed-form kinematics."""
         return FourUPUKinematics(mechanism or self.mechanism())
 
-    def workspace(self, drawing: object, count: int = 0) -> tuple[FloatArray, BatchStart]:
-        """Return drive values of the poses of a grid over the workspace box, (n, 4), and the closed poses.
-
-        How many does not depend on ``count``: the grid holds the box's corners.
-        """
-        if not isinstance(drawing, FourUPUKinematics):
-            raise TypeError(f"the pouring robot's drawing is FourUPUKinematics, not {type(drawing).__name__}")
-        commands = drawing.commands(load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4))
-        reached = np.flatnonzero(drawing.within_limits(commands.start.joints))
-        return commands.drives[reached], commands.start[reached]
+    def _spread(self, mechanism: ClosedChainMechanism, count: int) -> FloatArray:
+        """Return a grid over the workspace box, however many poses are asked for."""
+        return load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4)
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable:
         """Return the DH table of the four chains."""
