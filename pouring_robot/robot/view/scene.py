@@ -14,7 +14,6 @@ import numpy as np
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
 from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
@@ -59,10 +58,10 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
     if not 0.0 < factor <= _LARGEST_FACTOR:
         raise BadInputError(f"the exaggeration factor must be above 0 and at most {_LARGEST_FACTOR:g}, not {factor}")
     worst = int(errors.argmax())
-    tip = locations[0].loops.working_frame
-    words = tip.replace("_", " ")
+    words = locations[0].loops.working_frame.replace("_", " ")
     several = len(locations) > 1
-    starts, vectors = error_arrows([(one.nominal, one.actual) for one in locations], tip)
+    drawing, places = _bodies(locations)
+    starts, vectors = _error_arrows(locations)
     arrows = [SceneArrows("error", starts[:, None], vectors[:, None], label=f"of the {words}")]
     if several:
         some = slice(None, None, -(-len(locations) // _MOST_ARROWS))
@@ -70,7 +69,12 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
         arrows.append(SceneArrows("errors", starts[None, some], vectors[None, some], label=words_of))
     return Scene(
         title=f"Where the {words} really is: " + (f"{len(locations)} poses" if several else locations[0].title),
-        robots=both_robots([(one.nominal, one.actual) for one in locations], actual),
+        robots=(
+            drawn_robot(locations[0].actual.mechanism, places, "actual", actual, reference=drawing),
+            drawn_robot(
+                locations[0].nominal.mechanism, drawing, "nominal", "as commanded", opacity=0.35, tint=GHOST_TINT
+            ),
+        ),
         arrows=tuple(arrows),
         steps=tuple(
             Step(f"pose {n}: {one.title}" if several else "", _caption(one)) for n, one in enumerate(locations, start=1)
@@ -85,9 +89,8 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
 def at_location(scene: Scene, location: Location) -> Scene:
     """Return the scene of one location at another one; what is drawn is kept, and so are camera and factor."""
     actual, nominal = scene.robots
-    places = bodies_at(location.actual.mechanism.shared_model, [location.actual.configuration])
-    drawing = bodies_at(location.nominal.mechanism.shared_model, [location.nominal.configuration])
-    starts, vectors = error_arrows([(location.nominal, location.actual)], location.loops.working_frame)
+    drawing, places = _bodies([location])
+    starts, vectors = _error_arrows([location])
     return dataclasses.replace(
         scene,
         robots=(
@@ -99,26 +102,20 @@ def at_location(scene: Scene, location: Location) -> Scene:
     )
 
 
-def both_robots(closed: Sequence[tuple[ClosureResult, ClosureResult]], actual: str) -> tuple[SceneRobot, SceneRobot]:
-    """Return the actual robot, solid, and the nominal one, translucent, of nominal and actual closures."""
-    (nominal, built), *_ = closed
-    drawing = bodies_at(nominal.mechanism.shared_model, [one.configuration for one, _ in closed])
-    places = np.concatenate([bodies_at(one.mechanism.shared_model, [one.configuration]) for _, one in closed])
-    return (
-        drawn_robot(built.mechanism, places, "actual", actual, reference=drawing),
-        drawn_robot(nominal.mechanism, drawing, "nominal", "as commanded", opacity=0.35, tint=GHOST_TINT),
-    )
+def _bodies(locations: Sequence[Location]) -> tuple[FloatArray, FloatArray]:
+    """Return where the joints of the nominal and of the actual robots stand, (k, joints, 4, 4) each, in m."""
+    drawing = bodies_at(locations[0].nominal.mechanism.shared_model, [one.nominal.configuration for one in locations])
+    built = (one.actual for one in locations)
+    return drawing, np.concatenate([bodies_at(one.mechanism.shared_model, [one.configuration]) for one in built])
 
 
-def error_arrows(closed: Sequence[tuple[ClosureResult, ClosureResult]], frame: str) -> tuple[FloatArray, FloatArray]:
-    """Return where a frame should be in the world, and its shift as seen from the base, shape (k, 3) each, in m."""
+def _error_arrows(locations: Sequence[Location]) -> tuple[FloatArray, FloatArray]:
+    """Return where the working frames should be in the world, and how far they are off, shape (k, 3) each, in m."""
     starts, vectors = [], []
-    for nominal, actual in closed:
-        base = nominal.mechanism.loops.base_frame
-        seen = nominal.pose("universe", base)
-        shift = actual.pose(base, frame).translation - nominal.pose(base, frame).translation
-        starts.append(nominal.pose("universe", frame).translation)
-        vectors.append(seen.rotation @ shift)
+    for one in locations:
+        starts.append(one.nominal.pose("universe", one.loops.working_frame).translation)
+        seen = one.nominal.pose("universe", one.loops.base_frame)
+        vectors.append(seen.rotation @ one.difference().translation_m)
     return np.array(starts), np.array(vectors)
 
 
