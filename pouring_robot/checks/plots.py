@@ -36,9 +36,9 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     third, limits = ("seen along z", "x", "y"), dict[str, tuple[float, float]]()
     if layout is not None:
         third = ("tilt over height", "tilt", "z")
-        box = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
-        limits = dict(zip("xyz", zip(*box, strict=True), strict=True))
-        limits["tilt"] = math.degrees(layout.tilt_lower_rad), math.degrees(layout.tilt_upper_rad)
+        *edges, (least, most) = np.transpose(layout.box)
+        limits = dict(zip("xyz", (edge * 1e3 for edge in edges), strict=True))
+        limits["tilt"] = math.degrees(least), math.degrees(most)
     sights = {"X": ("seen along y", "x", "z"), "Y": ("seen along x", "y", "z"), "T": third}
     for key, (title, across, up) in sights.items():
         xlabel, ylabel = (f"{name} [{'°' if name == 'tilt' else 'mm'}]" for name in (across, up))

@@ -24,11 +24,11 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
     location = robot.location_in_the_middle()
     workspace: dict[str, Any] = {}
     if isinstance(robot, PouringRobot):
-        layout = robot.layout
+        lower, upper = robot.layout.box
         workspace["workspace"] = {
-            "position_lower_mm": _rounded(layout.position_lower_m / MM),
-            "position_upper_mm": _rounded(layout.position_upper_m / MM),
-            "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
+            "position_lower_mm": _rounded(lower[:3] / MM),
+            "position_upper_mm": _rounded(upper[:3] / MM),
+            "tilt": _at_the_edge((lower[3], upper[3]), "rad"),
         }
     return {
         **robot.model.named,

@@ -72,9 +72,9 @@ def multiply_add_s() -> float:
 
 def draw_command(robot: PouringRobot, count: int, seed: int) -> tuple[BatchCommand, BatchStart]:
     """Return commands spread over the workspace box, and starts 20 mm and 50 mrad off."""
-    random, layout, kinematics = np.random.default_rng(seed), robot.layout, robot.kinematics
-    position = random.uniform(layout.position_lower_m, layout.position_upper_m, (count, 3))
-    tilt = random.uniform(layout.tilt_lower_rad, layout.tilt_upper_rad, count)
+    random, kinematics, (lower, upper) = np.random.default_rng(seed), robot.kinematics, robot.layout.box
+    position = random.uniform(lower[:3], upper[:3], (count, 3))
+    tilt = random.uniform(lower[3], upper[3], count)
     aside = random.normal(size=(count, 3))
     aside *= OFF_M / np.linalg.norm(aside, axis=1, keepdims=True)
     turned = tilt + random.choice((-OFF_RAD, OFF_RAD), count)

@@ -108,9 +108,9 @@ Benchmark = Callable[[Setting], Measurement]
 def make_setting(model: Path, count: int, seed: int) -> Setting:
     """Load the robots and draw the poses."""
     drawing, actual = PouringRobot(), load_robot(model)
-    random, layout = np.random.default_rng(seed), actual.layout
-    positions = random.uniform(layout.position_lower_m, layout.position_upper_m, size=(count, 3))
-    tilts = random.uniform(layout.tilt_lower_rad, layout.tilt_upper_rad, size=count)
+    random, (lower, upper) = np.random.default_rng(seed), actual.layout.box
+    positions = random.uniform(lower[:3], upper[:3], size=(count, 3))
+    tilts = random.uniform(lower[3], upper[3], size=count)
     directions = random.normal(size=(count, 3))
     directions *= OFF_M / np.linalg.norm(directions, axis=1, keepdims=True)
     turns = random.choice((-OFF_RAD, OFF_RAD), size=count)

@@ -183,7 +183,7 @@ def _rms(moved: FloatArray) -> float:
 
 def strokes(study: SectionsStudy) -> Claim:
     """Judge the strokes of section 2 against the workspace of 4.3."""
-    low, high = study.robot.layout.position_lower_m, study.robot.layout.position_upper_m
+    low, high = (corner[:3] for corner in study.robot.layout.box)
     middle, half = 0.5 * (low + high), 0.5 * np.array(STROKES_M)
     spread = grid(*[np.linspace(-1.0, 1.0, 5)] * 3)
     places = np.column_stack([middle + spread * half, np.zeros(len(spread))])

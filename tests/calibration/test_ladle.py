@@ -55,6 +55,6 @@ def test_a_measured_target_leaves_hundredths_of_a_millimetre(drawing, fitted):
 def test_workspace_grid(drawing, fitted):
     rows = workspace_rows(fitted[0].model)
     assert 40 < len(rows) <= 81
-    assert (rows.start.position >= drawing.layout.position_lower_m).all()
+    assert (rows.start.position >= drawing.layout.box[0][:3]).all()
     assert fitted[1].covariance.shape == (FRAMES + 88,) * 2
     assert isinstance(drawing.nominal_solver.mechanism.T_end_tool, pin.SE3)

@@ -171,7 +171,7 @@ def test_suggestions_can_be_commanded_and_written(confounded):
     found = suggest_measurements(confounded, count=4, seed=5)
     assert len(found.measurements) == 4
     robot = PouringRobot(confounded.model)
-    lower, upper = robot.layout.position_lower_m, robot.layout.position_upper_m
+    lower, upper = (corner[:3] for corner in robot.layout.box)
     hours = [m.hours_later for m in found.measurements]
     assert hours == sorted(hours) and hours[0] > 0.0
     for row in json.loads(json.dumps([m.as_dict() for m in found.measurements], allow_nan=False)):

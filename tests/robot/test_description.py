@@ -75,9 +75,7 @@ def frame_pose(model: pin.Model, q: np.ndarray, frame: str, base: str = "fixed_p
 
 
 def workspace_corners(layout: str) -> list[tuple[np.ndarray, float]]:
-    box = load_layout(layout)
-    bounds = zip(box.position_lower_m, box.position_upper_m, strict=True)
-    tilts = (box.tilt_lower_rad, box.tilt_upper_rad)
+    *bounds, tilts = np.transpose(load_layout(layout).box)
     return [(np.array(corner), tilt) for corner in itertools.product(*bounds) for tilt in tilts]
 
 
@@ -251,12 +249,9 @@ def test_every_body_can_be_seen_and_touched() -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_limits_hold_the_workspace_with_a_margin_and_little_more(layout: str) -> None:
-    box = load_layout(layout)
-    axes = [
-        np.linspace(low, high, n)
-        for low, high, n in zip(box.position_lower_m, box.position_upper_m, (3, 3, 5), strict=True)
-    ]
-    tilts = np.linspace(box.tilt_lower_rad, box.tilt_upper_rad, 21)
+    *axes, tilts = (
+        np.linspace(*ends, n) for ends, n in zip(np.transpose(load_layout(layout).box), (3, 3, 5, 21), strict=True)
+    )
     samples = [inverse_kinematics(layout, np.array(p), r) for p in itertools.product(*axes) for r in tilts]
     model = pin.buildModelFromXML(render_urdf(layout))
     for joint in ("s1", "s2", "s3", "s4", "s5"):

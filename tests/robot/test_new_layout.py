@@ -59,7 +59,7 @@ def test_the_file_says_what_the_owner_said(tmp_path):
     path.write_text(own.file_text(), encoding="utf-8")
     layout = load_layout("own", path)
     np.testing.assert_allclose(np.ptp(layout.fixed_centres_m, axis=0), [1.0, 0.9, 0.0])
-    np.testing.assert_allclose((layout.position_lower_m[2], layout.position_upper_m[2]), (-1.2, -0.7))
+    np.testing.assert_allclose([corner[2] for corner in layout.box], (-1.2, -0.7))
     text = path.read_text(encoding="utf-8")
     assert "paper's robot" not in text.split("layouts:")[1]
     assert text.count("as the owner says") == 2

@@ -70,11 +70,9 @@ class PouringDefinition(RobotDefinition):
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
         """Return the same, inside the workspace box."""
-        box = zip(*load_layout(self.layout, self.layouts_file).box, strict=True)
-        return tuple(
-            CommandAxis(column, float(lower), float(upper))
-            for column, (lower, upper) in zip(self.command_columns, box, strict=True)
-        )
+        box = load_layout(self.layout, self.layouts_file).box
+        edges = zip(self.command_columns, *(corner.tolist() for corner in box), strict=True)
+        return tuple(CommandAxis(column, lower, upper) for column, lower, upper in edges)
 
     def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return poses, (n, 4), in m and rad, from columns (n,)."""

@@ -43,10 +43,9 @@ class Layout:
     name: str  # its name in the file
     path: Path  # the file
     entry: LayoutEntry  # sizes of every part, as the file has them
-    position_lower_m: NDArray[np.float64]  # (3,) workspace box of the moving platform's origin, in the fixed platform
-    position_upper_m: NDArray[np.float64]
-    tilt_lower_rad: float  # its tilt about y
-    tilt_upper_rad: float
+    # lower and upper corner of the workspace, (4,) each: x, y, z of the moving platform's origin in the fixed platform,
+    # in m, and its tilt about y, in rad
+    box: tuple[NDArray[np.float64], NDArray[np.float64]]
     accuracy_m: float  # required accuracy of the ladle
     fixed_centres_m: NDArray[np.float64]  # (4, 3) upper U-joint centres A_i in the fixed platform
     moving_centres_m: NDArray[np.float64]  # (4, 3) lower U-joint centres B_i in the moving platform
@@ -56,12 +55,6 @@ class Layout:
     def ladle(self) -> Ladle:
         """The ladle; positions are in the moving platform's frame."""
         return self.entry.ladle
-
-    @property
-    def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper corner of the workspace: x, y, z in m, tilt in rad; shape (4,) each."""
-        lower, upper = np.append(self.position_lower_m, self.tilt_lower_rad), self.position_upper_m
-        return lower, np.append(upper, self.tilt_upper_rad)
 
     def grid(self, *shares: ArrayLike) -> NDArray[np.float64]:
         """Return poses at all combinations of shares (0 to 1) of the box along x, y, z and tilt, shape (n, 4)."""
@@ -84,17 +77,15 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
     """Return one layout of a dimensions file (default: the shipped one) in SI units."""
     path = layouts_file or shipped_layouts_file()
     entry = check_layout(name, path, read_text(path))
-    box = (entry.workspace.x.metres, entry.workspace.y.metres, entry.workspace.z.metres)
-    tilt = entry.workspace.tilt.radians
+    workspace = entry.workspace
+    edges = workspace.x.metres, workspace.y.metres, workspace.z.metres, workspace.tilt.radians
+    lower, upper = (read_only(np.array(corner)) for corner in zip(*edges, strict=True))
     return Layout(
         name=name,
         path=path,
         entry=entry,
-        position_lower_m=read_only(np.array([low for low, _ in box])),
-        position_upper_m=read_only(np.array([high for _, high in box])),
-        tilt_lower_rad=tilt[0],
-        tilt_upper_rad=tilt[1],
-        accuracy_m=entry.workspace.accuracy.metres,
+        box=(lower, upper),
+        accuracy_m=workspace.accuracy.metres,
         fixed_centres_m=read_only(np.array(entry.fixed_centres.metres)),
         moving_centres_m=read_only(np.array(entry.moving_centres.metres)),
         truss_span_m=entry.truss.span.metres,

@@ -64,9 +64,9 @@ class NewLayout:
         """Return the paper's robot, under a name of its own."""
         paper = load_layout()
         corners = [np.ptp(centres[:, :2], axis=0) / MM for centres in (paper.fixed_centres_m, paper.moving_centres_m)]
-        edges = np.column_stack([paper.position_lower_m, paper.position_upper_m]) / MM
-        tilt = np.degrees([paper.tilt_lower_rad, paper.tilt_upper_rad])
-        fixed, moving, x, y, z, turn = ((round(float(a), 3), round(float(b), 3)) for a, b in (*corners, *edges, tilt))
+        *edges, tilt = np.transpose(paper.box)
+        sizes = (*corners, *(edge / MM for edge in edges), np.degrees(tilt))
+        fixed, moving, x, y, z, turn = ((round(float(a), 3), round(float(b), 3)) for a, b in sizes)
         return cls("mine", fixed, moving, x, y, z, turn, paper.ladle.payload.value, paper.ladle.tare.value)
 
     def centres_mm(self, sides: Pair) -> FloatArray:

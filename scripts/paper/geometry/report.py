@@ -130,9 +130,9 @@ class GeometryReport(PaperReport):
             "poses": len(self.study.command),
             "seed": self.study.seed,
             "workspace": {
-                "lower_mm": (layout.position_lower_m / MM).tolist(),
-                "upper_mm": (layout.position_upper_m / MM).tolist(),
-                "tilt_rad": [layout.tilt_lower_rad, layout.tilt_upper_rad],
+                "lower_mm": (layout.box[0][:3] / MM).tolist(),
+                "upper_mm": (layout.box[1][:3] / MM).tolist(),
+                "tilt_rad": [float(corner[3]) for corner in layout.box],
             },
             "errors": {"length_mm": LENGTH_ERROR_M / MM, "angle_mrad": ANGLE_ERROR_RAD / MRAD},
             "claims": [{"model": model, **asdict(claim)} for model, claim in self._all()],

@@ -44,7 +44,8 @@ LADLE_STEEL_DEGC = 500.0
 
 def draw_poses(layout: Layout, count: int, random: np.random.Generator, tilt_sign: float = 1.0) -> list[PlatformPose]:
     """Return poses at the paper's tilt, spread evenly over the workspace."""
-    places = random.uniform(layout.position_lower_m, layout.position_upper_m, size=(count, 3))
+    lower, upper = layout.box
+    places = random.uniform(lower[:3], upper[:3], size=(count, 3))
     return [PlatformPose((float(x), float(y), float(z)), tilt_sign * TILT_RAD) for x, y, z in places]
 
 
