@@ -64,11 +64,12 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
         CampaignError: the file is wrong, or the robot cannot take a pose; names file, line and column.
     """
     definition = robot.model.definition
-    wanted = definition.command_columns
+    axes = robot.command_axes
+    wanted = [axis.quantity for axis in axes]
     known = (Quantity("sample", "label"), *wanted, *definition.condition_columns)
-    example = ", ".join(axis.heading for axis in robot.command_axes)
+    example = ", ".join(axis.heading for axis in axes)
     table = read_quantities(path, known, example, CampaignError)
-    values = definition.command_values(table.numbers)
+    values = np.stack([table.numbers[a.quantity.name] * a.factor + a.zero for a in axes], axis=-1)
     if not np.isfinite(values).all():
         row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(values)))
         names = ", ".join(quantity.name for quantity in wanted)

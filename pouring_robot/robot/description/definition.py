@@ -364,10 +364,6 @@ class RobotDefinition:
         """The columns of a command in a table."""
         return self.drive_columns
 
-    def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
-        """Return commands, (n, k), in m and rad, from columns (n,)."""
-        return self.drive_values(numbers)
-
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
         """Return the DH table of the drawing; None for a robot that has none."""
         return None

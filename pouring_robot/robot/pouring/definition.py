@@ -2,10 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from pathlib import Path
-
-import numpy as np
 
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
@@ -73,10 +70,6 @@ class PouringDefinition(RobotDefinition):
         box = load_layout(self.layout, self.layouts_file).box
         edges = zip(self.command_columns, *(corner.tolist() for corner in box), strict=True)
         return tuple(CommandAxis(column, lower, upper) for column, lower, upper in edges)
-
-    def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
-        """Return poses, (n, 4), in m and rad, from columns (n,)."""
-        return np.stack([numbers[column.name] for column in self.command_columns], axis=-1)
 
 
 @functools.cache
