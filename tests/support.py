@@ -79,7 +79,7 @@ def carried_by(model, chain_order):
     """Return nominal and actual mechanism of a model with its platform on another chain in the tree."""
     nominal = render_urdf(model.layout, chain_order=chain_order)
     texts = nominal, perturb_urdf(nominal, model.displacements())
-    return tuple(ClosedChainMechanism(text, model.loops()) for text in texts)
+    return tuple(ClosedChainMechanism(text, model.definition.loops) for text in texts)
 
 
 def placement_error(numbers):

@@ -122,7 +122,7 @@ def simulate_campaign(
         raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={told}")
     if robots is not None and len(robots) != rows:
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
-    if robot.model.loops().redundant_drives:
+    if robot.model.definition.loops.redundant_drives:
         raise BadInputError(
             f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "
             "disagree by far more than errors make them; take redundant_drives out of a copy of its robot file, with "
@@ -197,7 +197,7 @@ def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
     ((what, name),) = robot.model.named.items()
-    facts: dict[str, Any] = {"target": robot.model.loops().end_frame}
+    facts: dict[str, Any] = {"target": robot.model.definition.loops.end_frame}
     if isinstance(robot, PouringRobot):
         ladle = robot.layout.ladle
         facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}

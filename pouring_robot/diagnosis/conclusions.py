@@ -37,7 +37,7 @@ class Conclusions(Findings):
         constant part counts here, though the frames absorb it in the campaign.
         """
         rows, after = self.rows, self.after
-        frames = OuterFrames(pin.SE3.Identity(), self.model.nominal_mechanism().T_end_tool)
+        frames = OuterFrames(pin.SE3.Identity(), self.model.definition.mechanism().T_end_tool)
 
         def tool(without: Sequence[FoundParameter]) -> FloatArray:
             out = {found.parameter for found in without}

@@ -34,7 +34,6 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
@@ -313,30 +312,22 @@ class RobotModel(StrictModel):
             if abs(value) > most:
                 raise TooLargeError(f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why})")
 
-    def loops(self) -> LoopsFile:
-        """Return the declaration of the loops."""
-        return self.definition.loops
-
-    def nominal_urdf(self) -> str:
-        """Return the robot of the drawing as URDF."""
-        return self.definition.urdf()
-
     def urdf(self) -> str:
         """Return the robot as built as URDF: the drawing with every joint displaced by its error.
 
         Raises UnknownJointError where there is no such joint, BadInputError where the tree is cut at it.
         """
-        for joint in self.loops().cut_joints:
+        for joint in self.definition.loops.cut_joints:
             if joint in self.joint_placements:
                 raise BadInputError(
                     f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
                     f"chains' seats on it ({self._seat_joint()} ...) instead"
                 )
-        return perturb_urdf(self.nominal_urdf(), self.displacements(), self.definition.source)
+        return perturb_urdf(self.definition.urdf(), self.displacements(), self.definition.source)
 
     def _seat_joint(self) -> str:
-        seat = self.loops().loops[0].frame_b
-        return next(iter(carriers(parsed(self.nominal_urdf()), seat)), seat)
+        seat = self.definition.loops.loops[0].frame_b
+        return next(iter(carriers(parsed(self.definition.urdf()), seat)), seat)
 
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
@@ -358,13 +349,11 @@ class RobotModel(StrictModel):
         moved._placed = placed  # a spindle that follows a slide may turn far for a small offset of it
         return moved
 
-    def nominal_mechanism(self) -> ClosedChainMechanism:
-        """Return the mechanism of the drawing."""
-        return self.definition.mechanism()
-
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
-        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=self.displacements())
+        return ClosedChainMechanism(
+            self.urdf(), self.definition.loops, self.definition.path, built_in=self.displacements()
+        )
 
 
 def _says_something(content: Any) -> bool:

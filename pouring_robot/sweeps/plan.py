@@ -85,7 +85,7 @@ class SweepPlan:
     def __init__(self, config: SweepConfig) -> None:
         self.threads: int | None = None
         self.model = _model(config)
-        definition, nominal = self.model.definition, self.model.nominal_mechanism()
+        definition, nominal = self.model.definition, self.model.definition.mechanism()
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
         self.catalogue = ParameterCatalogue(definition, nominal)
         self.config = config = completed(config, self.catalogue, definition)

@@ -52,7 +52,7 @@ def write(folder: Path) -> None:
             write_together(exported_files(closed, folder / name / form, form))
         stiffness = {joint.name: joint.servo_stiffness for joint in Assembly.of(closed).servos}
         yielding = {drive: stiffness[drive] for drive in closed.mechanism.loops.drives}
-        drawing = FourUPUKinematics(model.nominal_mechanism())
+        drawing = FourUPUKinematics(model.definition.mechanism())
         solvers = {
             "mujoco": ClosureSolver(closed.mechanism, Loads(**loads, drive_stiffness=yielding)),
             "drake": ClosureSolver(closed.mechanism, Loads(**loads)),

@@ -44,7 +44,7 @@ SHIFTS_ONLY = np.tile([2e-3] * 3 + [0.0] * 3, SITES)
 
 
 def engine_and_kinematics(layout):
-    mechanism = RobotModel(layout=layout).nominal_mechanism()
+    mechanism = RobotModel(layout=layout).definition.mechanism()
     return CompiledEngine(mechanism, threads=2), FourUPUKinematics(mechanism)
 
 
@@ -146,7 +146,7 @@ def test_all_chain_orders_give_the_same(paper):
     command = command_of(kinematics, 20, seed=7)
     errors = errors_of(FULL_ERRORS, 20, seed=8)
     expected = engine.close(command.drives, command.start, errors)
-    other = CompiledEngine(ClosedChainMechanism(render_urdf(chain_order=(3, 1, 4, 2)), RobotModel().loops()))
+    other = CompiledEngine(ClosedChainMechanism(render_urdf(chain_order=(3, 1, 4, 2)), RobotModel().definition.loops))
     found = other.close(command.drives, command.start, errors)
     assert other.structure.site_joints == engine.structure.site_joints
     np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-12)
@@ -326,8 +326,8 @@ def test_open_branches_equal_differences_of_pinocchios_kinematics(paper):
 def test_a_singular_pose_has_a_status_of_its_own():
     """With the four leg lengths driven, each pair of legs is a planar four-bar that keeps a freedom."""
     model = RobotModel()
-    loops = model.loops().model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
-    mechanism = ClosedChainMechanism(model.nominal_urdf(), loops)
+    loops = model.definition.loops.model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
+    mechanism = ClosedChainMechanism(model.definition.urdf(), loops)
     engine, kinematics = CompiledEngine(mechanism), FourUPUKinematics(mechanism)
     command = command_of(kinematics, 20, seed=34)
     start = command.start

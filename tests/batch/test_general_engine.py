@@ -36,7 +36,7 @@ CRANKS, COUPLERS, GROUND = (0.4, 0.45), (0.6, 0.55), 0.5
 
 def pouring():
     """Return the pouring robot with twenty commands, and starts off them."""
-    mechanism = RobotModel().nominal_mechanism()
+    mechanism = RobotModel().definition.mechanism()
     kinematics, random = FourUPUKinematics(mechanism), np.random.default_rng(3)
     command = kinematics.commands(random.uniform(BOX_LOWER, BOX_UPPER, (20, 4)))
     start = [kinematics.configuration(PlatformPose(tuple(pose[:3].tolist()), float(pose[3]))) for pose in command.poses]

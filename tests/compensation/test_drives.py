@@ -17,7 +17,7 @@ def test_the_tool_comes_where_the_drawing_has_it(crooked):
     wanted = crooked.location_at(commands(crooked, 1, seed=4)[0])
     found = compensate_drives(crooked, wanted)
     again = crooked.location_at(list(found.drives.values()))
-    frame = crooked.model.loops().working_frame
+    frame = crooked.model.definition.loops.working_frame
     left = again.poses(frame)[1].translation - wanted.poses(frame)[0].translation
     plane = 2 if crooked.model.definition.name == "five_bar" else 3
     assert np.abs(left[:plane]).max() < 1e-9
@@ -38,7 +38,7 @@ def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
         for joint in dict.fromkeys(p.local.joint for p in Robot(model).parameters.parameters.values())
     }
     robot = Robot(model.model_copy(update={"joint_placements": placements}))
-    frame, found = robot.model.loops().working_frame, []
+    frame, found = robot.model.definition.loops.working_frame, []
     for drives in commands(robot, 4, seed=5):
         one = compensate_drives(robot, robot.location_at(drives))
         nominal, before = one.wanted.poses(frame)

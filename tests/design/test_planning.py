@@ -291,7 +291,7 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
     command = robot.kinematics.commands(pose)
     drives = dict(zip([d.joint for d in planner.columns.drives], command.drives[0], strict=True))
     start = robot.kinematics.configuration(robot.kinematics.forward(drives))
-    loops = robot.model.loops()
+    loops = robot.model.definition.loops
     translation, rotation = (
         q.model_copy(update={"value": q.value * 1e4}) for q in (loops.stiffness.translation, loops.stiffness.rotation)
     )

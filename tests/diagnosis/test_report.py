@@ -148,7 +148,7 @@ def test_the_gap_is_drawn_from_where_the_ladle_was_measured(hot):
     scene, (drawing, amended) = ladle_scene(hot), seen_states(hot)
     assert [robot.name for robot in scene.robots] == ["measured", "drawing", "amended model", "robot"]
     assert [robot.choice for robot in scene.robots] == [False, True, True, False]
-    lip = hot.model.nominal_mechanism().T_end_tool.homogeneous
+    lip = hot.model.definition.mechanism().T_end_tool.homogeneous
     sizes = {state.name: np.linalg.norm(state.gaps_m(lip), axis=1) for state in (drawing, amended)}
     samples = hot.rows.campaign.samples
     rows = [samples.index(step.label.rpartition("sample ")[2]) for step in scene.steps]

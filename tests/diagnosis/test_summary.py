@@ -322,7 +322,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
     assert len(found.after.parameters) == len(effect.parameters)
     built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
     moved = found.moved[effect.cause.effect]
-    lip = found.model.nominal_mechanism().T_end_tool
+    lip = found.model.definition.mechanism().T_end_tool
     for row in (0, 17, 33):
         drives = found.rows.campaign.drive_values(row)
         there, here = (robot.forward(drives).pose_base_to_end * lip for robot in (built, drawing))

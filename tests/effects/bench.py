@@ -48,7 +48,7 @@ CHANNELS = tuple(f"drive.{drive.joint}" for drive in ROBOT.drives)
 def stiff_drawing():
     """Return the drawing with joints a hundred thousand times stiffer than assumed: only drives yield."""
     model = RobotModel()
-    loops = model.loops()
+    loops = model.definition.loops
     stiffness = {
         name: quantity.model_copy(update={"value": 1e5 * quantity.value}) for name, quantity in loops.stiffness
     }

@@ -28,7 +28,7 @@ def test_predictions_are_those_of_the_one_at_a_time_solver(drawing, present):
     drives = virtual.rows.drives
     configurations = [
         drawing.kinematics.configuration(
-            drawing.kinematics.forward(dict(zip(present.loops().drives, map(float, row), strict=True)))
+            drawing.kinematics.forward(dict(zip(present.definition.loops.drives, map(float, row), strict=True)))
         )
         for row in drives
     ]

@@ -74,7 +74,7 @@ def measured_poses(poses, outer, inner):
 def reference_regressor(drawing, model, parameters, drives, step=1e-4):
     """Return the derivative of position and rotation by frames and parameters: fourth-order central differences."""
     forward = drawing.kinematics.forward
-    names = model.loops().drives
+    names = model.definition.loops.drives
     poses = [forward(dict(zip(names, map(float, row), strict=True))) for row in drives]
     start = [drawing.kinematics.configuration(pose) for pose in poses]
 

@@ -47,9 +47,9 @@ def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
 
 def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):
     """Without the cut the platform stays on chain 1, whose loop then closes by itself."""
-    loops = drawing.model.loops()
+    loops = drawing.model.definition.loops
     uncut = loops.model_copy(update={"cut_joints": (), "loops": loops.loops[1:]})
-    solver = ClosureSolver(ClosedChainMechanism(drawing.model.nominal_urdf(), uncut))
+    solver = ClosureSolver(ClosedChainMechanism(drawing.model.definition.urdf(), uncut))
     for pose in random_poses(5, seed=60):
         values = drawing.kinematics.joint_values(pose)
         start = solver.mechanism.with_joint_values(solver.mechanism.neutral_configuration(), values)

@@ -180,7 +180,7 @@ def test_the_carrying_chain_and_the_order_of_the_chains_do_not_matter(as_built, 
 
 @pytest.mark.parametrize("order", [(3, 1, 0, 2), (1, 0, 3, 2), (3, 2, 1, 0)])
 def test_the_order_of_the_loops_does_not_matter(crooked, order):
-    loops = crooked.model.loops()
+    loops = crooked.model.definition.loops
     permuted = loops.model_copy(update={"loops": tuple(loops.loops[k] for k in order)})
     solver = ClosureSolver(ClosedChainMechanism(crooked.model.urdf(), permuted))
     for pose in random_poses(10, seed=4):
@@ -544,7 +544,7 @@ def test_unknown_names_are_refused(drawing):
 
 
 def test_a_mechanism_without_end_frame_has_no_end_pose(drawing):
-    loops = drawing.model.loops().model_copy(update={"end_frame": None})
+    loops = drawing.model.definition.loops.model_copy(update={"end_frame": None})
     solver = ClosureSolver(ClosedChainMechanism(drawing.model.urdf(), loops))
     start, drives = start_and_drives(drawing, PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(BadInputError, match="no end_frame"):

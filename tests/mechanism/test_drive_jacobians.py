@@ -130,8 +130,8 @@ def test_five_bar_against_the_closed_form():
 
 def test_four_leg_drives_are_singular_everywhere(drawing):
     """Each pair of legs lies in one plane, and a planar four-bar keeps a freedom."""
-    loops = drawing.model.loops().model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
-    solver = ClosureSolver(ClosedChainMechanism(drawing.model.nominal_urdf(), loops))
+    loops = drawing.model.definition.loops.model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
+    solver = ClosureSolver(ClosedChainMechanism(drawing.model.definition.urdf(), loops))
     for pose in random_poses(5, seed=42):
         start = drawing.kinematics.configuration(pose)
         result = solver.solve({}, start)
@@ -174,8 +174,8 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(drawing):
 
 
 def test_without_end_frame_there_is_no_platform(drawing):
-    loops = drawing.model.loops().model_copy(update={"end_frame": None})
-    solver = ClosureSolver(ClosedChainMechanism(drawing.model.nominal_urdf(), loops))
+    loops = drawing.model.definition.loops.model_copy(update={"end_frame": None})
+    solver = ClosureSolver(ClosedChainMechanism(drawing.model.definition.urdf(), loops))
     (pose,) = random_poses(1, seed=43)
     result = solver.solve(drawing.kinematics.inverse(pose), drawing.kinematics.configuration(pose))
     with pytest.raises(BadInputError, match="end_frame"):

@@ -129,7 +129,7 @@ def test_own_dialect_mistakes(written, change, words):
 
 
 def test_the_frames_that_are_reported_stand_in_the_file(drawing):
-    loops = drawing.model.loops()
+    loops = drawing.model.definition.loops
     assert loops.reported_frames == ("moving_platform", "ladle", "ladle_lip")
     assert loops.working_frame == "ladle_lip"
     bare = loops.model_copy(update={"end_frame": None, "tool_frames": ()})

@@ -65,7 +65,7 @@ def closed_model(urdf, drives):
 def machine(drawing):
     """MuJoCo's model and workspace, and where its joints and drives stand in them."""
     drives = drawing.nominal_solver.mechanism.loops.drives
-    model = closed_model(drawing.model.nominal_urdf(), drives)
+    model = closed_model(drawing.model.definition.urdf(), drives)
     joints = {model.joint(k).name: model.joint(k).qposadr[0] for k in range(model.njnt)}
     return model, mujoco.MjData(model), joints
 
@@ -73,7 +73,7 @@ def machine(drawing):
 def test_the_tree_is_the_same_robot(drawing, machine):
     """Before anything is closed: every link stands where Pinocchio puts it, and weighs the same."""
     model, data, joints = machine
-    tree = pin.buildModelFromXML(drawing.model.nominal_urdf())
+    tree = pin.buildModelFromXML(drawing.model.definition.urdf())
     workspace = tree.createData()
     random = np.random.default_rng(90)
     configuration = random.uniform(-0.5, 0.5, tree.nq)

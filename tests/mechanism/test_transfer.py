@@ -35,7 +35,7 @@ LOADED = Loads(
     drive_stiffness={"leg1_s3": 2e7, "leg4_s5": 1e6},
 )
 STEP = 1e-5
-LOOPS = RobotModel().loops()  # reading them takes as long as a closure
+LOOPS = RobotModel().definition.loops  # reading them takes as long as a closure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,9 +86,9 @@ def make_case(spread_rad, loads=None, frame="moving_platform", seed=3, layout="p
         joint: displacement(random.normal(size=3) * 0.2 * spread_rad, random.normal(size=3) * spread_rad)
         for joint in JOINTS
     }
-    kinematics = FourUPUKinematics(model.nominal_mechanism())
+    kinematics = FourUPUKinematics(model.definition.mechanism())
     pose = PlatformPose(tuple(random.uniform((-0.15, -0.05, -0.8), (-0.05, 0.05, -0.45))), random.uniform(-0.4, 1.0))
-    urdf = perturb_urdf(model.nominal_urdf(), errors)
+    urdf = perturb_urdf(model.definition.urdf(), errors)
     return Case(urdf, loads or Loads(), kinematics.inverse(pose), kinematics.configuration(pose), frame)
 
 

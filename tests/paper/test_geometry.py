@@ -98,7 +98,7 @@ def test_length_errors_move_by_their_size_and_angles_turn_by_theirs(paper):
 @pytest.mark.parametrize("name", ["alpha_e1_01", "theta_e2_o", "d_e3_4", "theta_e4_6", "a_e4_6o"])
 def test_closed_chain_equals_the_one_at_a_time_solver(paper, name):
     study = paper.study
-    nominal = RobotModel().nominal_mechanism()
+    nominal = RobotModel().definition.mechanism()
     kinematics = FourUPUKinematics(nominal)
     parameter = study.table[name]
     moved = study.table.placement_errors({name: error_size(parameter)})

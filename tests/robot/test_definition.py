@@ -256,7 +256,7 @@ def test_what_is_exported_is_a_robot_again(name, tmp_path):
     write_urdf(ClosedRobot.of(model).urdf, tmp_path / "out", model.definition.files_beside())
     shutil.move(tmp_path / "out", tmp_path / "elsewhere")
     again = RobotDefinition.load(tmp_path / "elsewhere" / "robot.yaml")
-    assert again.loops.loops == model.loops().loops
+    assert again.loops.loops == model.definition.loops.loops
     assert again.drives == model.definition.drives
     assert again.mechanism().shared_model.nq == model.mechanism().shared_model.nq
 

@@ -32,7 +32,7 @@ def layout(request):
 
 @pytest.fixture(scope="module")
 def nominal(layout):
-    return RobotModel(layout=layout).nominal_mechanism()
+    return RobotModel(layout=layout).definition.mechanism()
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def test_nominal_chain_is_pinocchios(table, nominal, chain):
 
 def test_any_carrying_chain_gives_the_same_table(table, layout):
     other = DHTable.from_mechanism(
-        ClosedChainMechanism(render_urdf(layout, chain_order=(3, 1, 4, 2)), RobotModel().loops())
+        ClosedChainMechanism(render_urdf(layout, chain_order=(3, 1, 4, 2)), RobotModel().definition.loops)
     )
     assert other.parameters == table.parameters
 
@@ -327,7 +327,7 @@ def test_single_error_comes_back_where_nothing_else_can_say_it(table):
 
 
 def test_open_branch_has_the_papers_sensitive_errors():
-    nominal = RobotModel(layout="paper").nominal_mechanism()
+    nominal = RobotModel(layout="paper").definition.mechanism()
     table, rng = DHTable.from_mechanism(nominal), np.random.default_rng(2022)
     positions = rng.uniform((-0.15, -0.05, -0.825), (-0.05, 0.05, -0.425), (1000, 3))
     values = FourUPUKinematics(nominal).chain_joints(positions, rng.uniform(-0.4884, 1.08155, 1000))[:, 0]

@@ -318,7 +318,7 @@ def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked,
 @pytest.mark.parametrize(("name", "words"), [("arm", "link turret moves"), ("five_bar", "that 'left_elbow' moves")])
 def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
     source = ROBOTS / name / f"{name}.urdf.xacro"
-    root = etree.fromstring(RobotModel.for_robot(source.with_name("robot.yaml")).nominal_urdf().encode())
+    root = etree.fromstring(RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf().encode())
     for inertial in root.xpath("//link/inertial"):
         inertial.getparent().remove(inertial)
     (tmp_path / "bare.urdf").write_bytes(etree.tostring(root))
@@ -344,7 +344,7 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
 
 def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
     source = ROBOTS / "arm" / "arm.urdf.xacro"
-    urdf = RobotModel.for_robot(source.with_name("robot.yaml")).nominal_urdf()
+    urdf = RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf()
     shape = '<collision><geometry><mesh filename="package://elsewhere/cup.stl"/></geometry></collision></link>'
     (tmp_path / "arm.urdf").write_text(urdf.replace("</link>", shape, 1), encoding="utf-8")
     file = source.with_name("robot.yaml").read_text(encoding="utf-8").replace("xacro: arm.urdf.xacro", "urdf: arm.urdf")

@@ -24,7 +24,7 @@ def test_reachable_targets_are_met(name):
         k, other = random.choice(len(drives), 2, replace=False)
         between = 0.7 * drives[k] + 0.3 * drives[other]
         pose = robot.nominal_solver.solve(
-            dict(zip(robot.model.loops().drives, between.tolist(), strict=True)),
+            dict(zip(robot.model.definition.loops.drives, between.tolist(), strict=True)),
             robot.drawing.configuration_at(between),
         ).pose_base_to_end
         target = Target(pose.translation, None if name in PLACED_ONLY else pose.rotation)

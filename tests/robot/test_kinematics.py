@@ -23,7 +23,7 @@ SIGNS = np.array([[-1, 1], [-1, -1], [1, 1], [1, -1]])
 
 @pytest.fixture(scope="module", params=["paper", "wide"])
 def layout(request):
-    mechanism = RobotModel(layout=request.param).nominal_mechanism()
+    mechanism = RobotModel(layout=request.param).definition.mechanism()
     return request.param, FourUPUKinematics(mechanism)
 
 

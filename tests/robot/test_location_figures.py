@@ -14,7 +14,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 
 
 def test_units_are_in_the_names():
-    figures = joint_figures(RobotModel().nominal_mechanism(), {"leg1_s3": 0.55, "leg4_s5": math.pi / 4})
+    figures = joint_figures(RobotModel().definition.mechanism(), {"leg1_s3": 0.55, "leg4_s5": math.pi / 4})
     assert figures == {"leg1_s3_mm": pytest.approx(550.0), "leg4_s5_deg": pytest.approx(45.0)}
 
 

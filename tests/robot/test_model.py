@@ -55,7 +55,9 @@ def test_every_digit_survives(tmp_path):
 def test_mm_and_mrad_become_m_and_rad_in_the_joints_own_frame():
     placement = JointPlacement(translation_mm=(1.0, 2.0, -3.0), rotation_mrad=(0.5, -4.0, 2.0))
     model = RobotModel(joint_placements={"leg3_s2": placement})
-    nominal, actual = (pin.buildModelFromXML(urdf).jointPlacements[1:] for urdf in (model.nominal_urdf(), model.urdf()))
+    nominal, actual = (
+        pin.buildModelFromXML(urdf).jointPlacements[1:] for urdf in (model.definition.urdf(), model.urdf())
+    )
     changed = [k for k, (a, b) in enumerate(zip(nominal, actual, strict=True)) if not a.isApprox(b, 1e-12)]
     names = list(pin.buildModelFromXML(model.urdf()).names)[1:]
     assert [names[k] for k in changed] == ["leg3_s2"]

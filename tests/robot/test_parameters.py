@@ -59,7 +59,7 @@ def test_what_measurements_cannot_show_is_refused_with_the_reason(catalogue, nam
 
 
 def test_names_are_those_of_the_description(catalogue):
-    mechanism = RobotModel().nominal_mechanism()
+    mechanism = RobotModel().definition.mechanism()
     assert mechanism.loops.drives == DRIVE_JOINTS
     chains = [joints for chain, seat in zip(CHAIN_JOINTS, SEATS, strict=True) for joints in (*chain, seat)]
     assert list(catalogue.table.joints) == chains

@@ -39,7 +39,7 @@ def commands(robot, count, seed):
 def test_many_commands_are_one_after_the_other(crooked):
     drives = commands(crooked, 6, seed=1)
     found = crooked.locate_drives(drives)
-    loops = crooked.model.loops()
+    loops = crooked.model.definition.loops
     assert (found.status == "closed").all()
     for k, one in enumerate(drives):
         location = crooked.location_at(one)
@@ -52,8 +52,8 @@ def test_many_commands_are_one_after_the_other(crooked):
 
 def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
     """Of every drive and one placement: central differences of the closed pose, an independent way."""
-    drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.loops().working_frame
-    base = crooked.model.loops().base_frame
+    drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.definition.loops.working_frame
+    base = crooked.model.definition.loops.base_frame
     here = crooked.location_at(drives).actual.pose(base, frame)
     found = crooked.transfer(drives, "drives")
     step = 1e-5

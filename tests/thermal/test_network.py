@@ -208,7 +208,7 @@ def test_bars_conduct_and_lose_no_surface(drawing):
     cells = BarCells.cut(straight, 5)
     assert [c[2] for c in cells.contacts] == pytest.approx([0.02 / 0.2] * 4)
     assert cells.face_area_m2.sum() == pytest.approx(2 * (0.02 + 0.1 + 0.2))
-    boxes = link_boxes(drawing.model.nominal_urdf(), "moving_platform")
+    boxes = link_boxes(drawing.model.definition.urdf(), "moving_platform")
     whole = BarCells.cut(boxes, 4)
     assert whole.volume_m3.sum() == pytest.approx(np.prod(boxes.upper_m - boxes.lower_m, axis=1).sum())
     assert np.all(whole.face_area_m2 >= 0.0)
@@ -219,9 +219,9 @@ def test_bars_conduct_and_lose_no_surface(drawing):
 
 def test_links_that_are_no_boxes_are_refused(drawing):
     with pytest.raises(DescriptionError, match="leg1_fixed_rod"):
-        link_boxes(drawing.model.nominal_urdf(), "leg1_fixed_rod")
+        link_boxes(drawing.model.definition.urdf(), "leg1_fixed_rod")
     with pytest.raises(DescriptionError, match="nowhere"):
-        link_boxes(drawing.model.nominal_urdf(), "nowhere")
+        link_boxes(drawing.model.definition.urdf(), "nowhere")
 
 
 def test_impossible_input_is_refused(network, drawing):

@@ -102,7 +102,7 @@ def _at_once(
     wanted = [(*pose.position_m, pose.tilt_rad) for pose in poses]
     with progress.stage_bars() as show:
         found, closed = locate_path(HeatedRobot(robot, heat), wanted, show=show)
-    lip = found.sel(frame=robot.model.loops().working_frame)
+    lip = found.sel(frame=robot.model.definition.loops.working_frame)
     status = found.status.values.tolist()
     if set(status) == {status[0]} and status[0] != "closed":
         raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
@@ -181,7 +181,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
             for name in names
         ]
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
-        tip = robot.model.loops().working_frame
+        tip = robot.model.definition.loops.working_frame
         beside = "" if robot.model.named.get("layout") else ", beside where it should be"
         print_rows(short, cells, f"error of {tip}{beside}: mm, mrad")
     options.print_notes(notes)

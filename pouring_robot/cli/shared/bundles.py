@@ -289,7 +289,7 @@ class Drawing:
             return []
         import numpy as np
 
-        frame = model.loops().working_frame
+        frame = model.definition.loops.working_frame
         tips = np.array([one.poses(frame)[1].translation for one in locations])
         return self.tree_notes(self._joint_rows(locations, model), tips, model)
 
@@ -304,7 +304,7 @@ class Drawing:
         off = np.linalg.norm(tree.tips_m(row.values for row in rows) - tips_m, axis=1)
         return [
             f"{self.joints} is of the warm robot, and the tree that 'export' writes is cold: by these joint values its "
-            f"{model.loops().working_frame} stands up to {np.nanmax(off) / MM:.3f} mm beside"
+            f"{model.definition.loops.working_frame} stands up to {np.nanmax(off) / MM:.3f} mm beside"
         ]
 
 

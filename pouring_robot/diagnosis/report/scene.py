@@ -138,7 +138,7 @@ def _everywhere(states: Sequence[SeenState]) -> FloatArray:
 
 
 def _tool(model: RobotModel) -> FloatArray:
-    return np.asarray(model.nominal_mechanism().T_end_tool.homogeneous)
+    return np.asarray(model.definition.mechanism().T_end_tool.homogeneous)
 
 
 def _sample(campaign: Campaign, row: int) -> str:

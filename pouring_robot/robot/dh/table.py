@@ -1,8 +1,8 @@
 """The DH table: 32 geometric parameters a chain, as the paper counts them, tied to the joints of the URDF.
 
-    table = DHTable.from_mechanism(RobotModel().nominal_mechanism())
+    table = DHTable.from_mechanism(RobotModel().definition.mechanism())
     placements = table.placement_errors({"alpha_e1_56": 4e-3, "a_e2_01": 2e-4})   # rad, m
-    urdf = perturb_urdf(nominal_urdf, placements)                                 # the same robot, exactly
+    urdf = perturb_urdf(urdf, placements)                                         # the same robot, exactly
     table.errors_from_placements(placements)                                      # and back
 
 Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.chain`.

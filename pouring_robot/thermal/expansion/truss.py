@@ -64,7 +64,7 @@ class TrussNetwork:
         layout = robot.robot.dimensions
         self._girders = _girder_cells(layout)
         self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
-        urdf = robot.robot.model.nominal_urdf()
+        urdf = robot.robot.model.definition.urdf()
         frame, platform = link_boxes(urdf, "trolley", skip_round=True), link_boxes(urdf, "fixed_platform")
         up = np.array([0.0, 0.0, layout.truss.platform_drop.metres])
         frame = Boxes(frame.lower_m + up, frame.upper_m + up)

@@ -58,7 +58,7 @@ class ThermalNetwork:
         self.robot = robot or PouringRobot()
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
-        entry, urdf = self.robot.dimensions, self.robot.model.nominal_urdf()
+        entry, urdf = self.robot.dimensions, self.robot.model.definition.urdf()
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
         per_bar = elements_per_bar or max(2, elements_per_leg // 5)
         self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)

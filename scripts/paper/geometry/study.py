@@ -151,7 +151,7 @@ def run_open_study(model: RobotModel, count: int, seed: int, *, chain: int | Non
         BadInputError: there is no such layout, fewer than two poses are asked for, or the seed is negative.
     """
     layout = load_layout(model.layout, model.layouts_path)
-    mechanism = model.nominal_mechanism()
+    mechanism = model.definition.mechanism()
     table = DHTable.from_mechanism(mechanism)
     command = draw_poses(layout, FourUPUKinematics(mechanism), count, seed, tilt_sign)
     errors = open_branch_errors(table, table.selection(chain=chain), command)
@@ -176,7 +176,7 @@ def run_study(layout_name: str, count: int, seed: int, progress: Progress = say_
     opened = run_open_study(model, count, seed, chain=None)
     table, command, parameters = opened.table, opened.command, opened.open_branch.parameters
     sizes = np.array([error_size(parameter) for parameter in parameters])
-    closure = ClosedChainStudy(model.nominal_mechanism(), table, command)
+    closure = ClosedChainStudy(model.definition.mechanism(), table, command)
     closed = ErrorSamples("closed chain", parameters, *closure.exact(parameters, sizes, progress))
     missed = [_branch(table, i, command)[:, :3, 3] - command.start.position for i in table.chains]
     own = {parameter.name: error_size(parameter) for parameter in table.selection(chain=1)}
