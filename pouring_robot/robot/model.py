@@ -223,8 +223,7 @@ class RobotModel(StrictModel):
     @property
     def is_drawing(self) -> bool:
         """Whether the model says nothing that makes the robot as built differ from the drawing."""
-        told = {"format", "description", "robot", "layout", "layouts_file", "heat", "effects", "learned"}
-        return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
+        return not self.drive_offsets and all(error == JointPlacement() for error in self.joint_placements.values())
 
     @property
     def conditional(self) -> tuple[str, ...]:
@@ -354,8 +353,3 @@ class RobotModel(StrictModel):
         return ClosedChainMechanism(
             self.urdf(), self.definition.loops, self.definition.path, built_in=self.displacements()
         )
-
-
-def _says_something(content: Any) -> bool:
-    """Return whether there is anything in nested mappings, such as ``{"leg1_s1": {}}``, but empty ones."""
-    return any(map(_says_something, content.values())) if isinstance(content, dict) else True
