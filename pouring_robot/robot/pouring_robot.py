@@ -170,8 +170,7 @@ class PouringRobot(Robot):
         """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
         if not isinstance(command, PlatformPose):
             return super().drives_of(command)
-        drives = self.kinematics.inverse(command)
-        return np.array([drives[name] for name in self.drawing.mechanism.loops.drives])
+        return np.array(list(self.kinematics.inverse(command).values()))
 
     def location_of(self, command: Command) -> Location:
         """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""

@@ -92,7 +92,6 @@ class Robot:
     def _make(self, model: RobotModel, loads: Loads, options: ClosureOptions) -> None:
         self.model = model
         self.model.check_errors()
-        self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
         if self.drawing.mechanism.loops.redundant_drives:
             options = replace(options, most_disagreement_m=self.model.definition.most_disagreement_m)
@@ -109,7 +108,7 @@ class Robot:
         model.check_errors()
         other = copy.copy(self)
         other.__dict__.pop("unseen_displacements", None)
-        other.model, other._drive_offsets = model, model.drive_offset_values()
+        other.model = model
         stiff = self.drawing.mechanism.with_stiffness(self.actual_solver.mechanism.loops.stiffness)
         solver = self.actual_solver
         other.actual_solver = ClosureSolver(stiff.displaced(model.displacements()), solver.energy.loads, solver.options)
@@ -136,7 +135,8 @@ class Robot:
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives of the robot as built stand for commanded values, in m and rad."""
-        return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
+        offsets = self.model.drive_offset_values()
+        return {name: value + offsets.get(name, 0.0) for name, value in drives.items()}
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
         """Return where the robot should be and where it is for commands (n, drives), in m and rad.
@@ -175,8 +175,7 @@ class Robot:
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
-        offsets = self.actual_drives(dict.fromkeys(self.drawing.mechanism.loops.drives, 0.0))
-        return self.engine().close(drives + np.array(list(offsets.values())), start)
+        return self.engine().close(drives + self.model.offset_of_each_drive(), start)
 
     def engine(self) -> Engine:
         """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""

@@ -82,7 +82,7 @@ class WarmRobot(PouringRobot):
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
-        growth = self.expansion.drive_offsets(drives, self._drive_offsets)
+        growth = self.expansion.drive_offsets(drives, self.model.drive_offset_values())
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
     def solve(self) -> ClosureResult:
@@ -293,7 +293,7 @@ class WarmPath:
         self.strain, self.engine = strain, robot.engine()
         self.errors = self._displaced(heated) if strain.any() else None
         drives = robot.actual_solver.mechanism.loops.drives
-        self.offsets = np.array(list(robot.actual_drives(dict.fromkeys(drives, 0.0)).values()))
+        self.offsets = robot.model.offset_of_each_drive()
         growing = [f"{leg}_s3" for leg in LEGS]
         legs = [growing.index(name) if name in growing else -1 for name in drives]
         self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
