@@ -104,15 +104,15 @@ class DHChain:
         turn_back = adjoint(inverse(dh_transform(values * np.array([0.0, 0.0, 1.0, 1.0]))))
         twists[:, A], twists[:, ALPHA] = turn_back[:, :, 0], turn_back[:, :, 3]
         # The first site holds three transforms: carry the twists of the first two on to its end.
-        twists[0] = twists[0] @ adjoint(inverse(transforms[1] @ transforms[2])).T
-        twists[1] = twists[1] @ adjoint(inverse(transforms[2])).T
+        twists[0] = twists[0] @ pin.SE3(transforms[1] @ transforms[2]).inverse().action.T
+        twists[1] = twists[1] @ pin.SE3(transforms[2]).inverse().action.T
         return twists
 
     def placement_twists(self) -> FloatArray:
         """Return the twist of the displaced joint, in its placement frame, per unit of each DH number; (8, 4, 6)."""
         errors = np.zeros((8, 4))
         twists = self.site_twists(errors)
-        twists[7] = -twists[7] @ adjoint(self.site_transforms(errors)[SEAT]).T
+        twists[7] = -twists[7] @ pin.SE3(self.site_transforms(errors)[SEAT]).action.T
         carry = adjoint(inverse(self.after))[list(SITES)]
         return np.asarray(np.einsum("tij,tsj->tsi", carry, twists))
 
@@ -139,14 +139,9 @@ def inverse(matrix: FloatArray) -> FloatArray:
     return result
 
 
-def adjoint(matrix: FloatArray) -> FloatArray:
-    """Return the matrices (..., 6, 6) that carry twists (linear, angular) through rigid transforms (..., 4, 4)."""
-    rotation, offset = matrix[..., :3, :3], matrix[..., :3, 3]
-    result = np.zeros((*matrix.shape[:-2], 6, 6))
-    result[..., :3, :3] = result[..., 3:, 3:] = rotation
-    # Column k of the coupling block is offset × (column k of the rotation).
-    result[..., :3, 3:] = np.cross(offset[..., None, :], np.swapaxes(rotation, -1, -2)).swapaxes(-1, -2)
-    return result
+def adjoint(transforms: FloatArray) -> FloatArray:
+    """Return the matrices (n, 6, 6) that carry twists (linear, angular) through rigid transforms (n, 4, 4)."""
+    return np.array([pin.SE3(transform).action for transform in transforms])
 
 
 class NotUPUError(BadInputError):
