@@ -50,17 +50,10 @@ class _Tree:
             if not (_link(joint, "parent") and _link(joint, "child")):
                 raise DescriptionError(path, f"joint '{name}' does not say which two links it joins")
         children = Counter(_link(joint, "child") for joint in joints)
-        for link in self.above:
-            if children[link] > 1 or self._is_under_itself(link):
+        for link, joint in self.above.items():
+            if children[link] > 1 or joint.get("name") in carriers(self.root, _link(joint, "parent")):
                 why = "hangs on several joints" if children[link] > 1 else "is carried by itself"
                 raise DescriptionError(path, f"link '{link}' {why}; a URDF is a tree, what closes it is said elsewhere")
-
-    def _is_under_itself(self, link: str) -> bool:
-        seen = set[str]()
-        while link in self.above and link not in seen:
-            seen.add(link)
-            link = _link(self.above[link], "parent")
-        return link in seen
 
     def moving(self, link: str) -> list[str]:
         """Return the joints that move on the way from the root down to a link."""
