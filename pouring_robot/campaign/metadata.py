@@ -9,7 +9,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 import pydantic
 from pydantic import Field
-from ruamel.yaml import YAML
 
 from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
 from pouring_robot.exceptions import CampaignError, CampaignFileError, OutputError
@@ -17,7 +16,7 @@ from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
-from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.mechanism.arrays import FloatArray
 
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
@@ -193,11 +192,7 @@ def metadata_text(metadata: CampaignMetadata) -> str:
         content.setdefault("drives", {})["approach"] = metadata.approach
     if metadata.reference_temperature_degC is not None:
         content[_TEMPERATURE] = metadata.reference_temperature_degC
-    stream = io.StringIO()
-    yaml = YAML()
-    yaml.width = 110
-    yaml.dump(content, stream)
-    return stream.getvalue()
+    return yaml_text(content, width=110)
 
 
 def check_table_name(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Reading YAML files into typed, validated objects, with errors that name file, line and key.
+"""Reading YAML files into typed, validated objects, with errors that name file, line and key; and writing them.
 
 Every YAML file of the package (loops, layouts, models, sweeps, campaigns) is read through :func:`read_yaml`
 and :func:`validate`, so that a misspelt key is reported in the same words everywhere.
@@ -6,6 +6,7 @@ and :func:`validate`, so that a misspelt key is reported in the same words every
 
 import difflib
 import functools
+import io
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -113,6 +114,14 @@ def parse_yaml(text: str, path: Path, error: type[DescriptionError] = Descriptio
     if not isinstance(content, CommentedMap):
         raise error(path, "must be a mapping of keys to values at its top level")
     return content
+
+
+def yaml_text(content: Any, **style: Any) -> str:
+    """Return content as YAML; ``style`` are attributes of ruamel's ``YAML``, such as ``width``."""
+    yaml, stream = YAML(), io.StringIO()
+    vars(yaml).update(style)
+    yaml.dump(content, stream)
+    return stream.getvalue()
 
 
 @functools.lru_cache(maxsize=16)

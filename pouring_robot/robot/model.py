@@ -8,7 +8,6 @@ DescriptionError, where there is no such layout UnknownLayoutError.
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 import warnings
@@ -19,7 +18,6 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 import pydantic
-from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import (
     BadInputError,
@@ -31,7 +29,7 @@ from pouring_robot.exceptions import (
 )
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.given import expect
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -186,11 +184,7 @@ class RobotModel(StrictModel):
             content["robot"] = os.path.relpath(self.robot_path, folder)
         if self.layouts_file:
             content["layouts_file"] = os.path.relpath(self.layouts_path or "", folder)
-        stream = io.StringIO()
-        yaml = YAML()
-        yaml.default_flow_style = None
-        yaml.dump(content, stream)
-        return stream.getvalue()
+        return yaml_text(content, default_flow_style=None)
 
     @property
     def layouts_path(self) -> Path | None:

@@ -14,7 +14,6 @@ A robot is a ``robot.yaml``; the pouring robot is one too (:mod:`pouring_robot.r
 from __future__ import annotations
 
 import functools
-import io
 import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -24,11 +23,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from lxml import etree
-from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.quantities import Quantity
-from pouring_robot.io.typed_yaml import validate
+from pouring_robot.io.typed_yaml import validate, yaml_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -274,9 +272,8 @@ class RobotDefinition:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
-        stream = io.StringIO()
-        YAML().dump({**said, "urdf": f"{parsed(self.urdf()).get('name', 'robot')}.urdf", **own}, stream)
-        return {"robot.yaml": stream.getvalue().encode()}
+        content = {**said, "urdf": f"{parsed(self.urdf()).get('name', 'robot')}.urdf", **own}
+        return {"robot.yaml": yaml_text(content).encode()}
 
     @property
     def drive_columns(self) -> tuple[Quantity, ...]:

@@ -5,7 +5,6 @@ drives make large ones of the platform: where the smallest singular value of ∂
 as lengths at the arm of the moving U joints, so that both are in metres.
 """
 
-import io
 import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
@@ -16,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import read_text
+from pouring_robot.io.typed_yaml import yaml_text
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.kinematics import chain_joints
@@ -103,9 +103,7 @@ class NewLayout:
 
     def file_text(self) -> str:
         """Return the dimensions file: the shipped one, with this layout alone."""
-        yaml = YAML()
-        yaml.width = 120
-        content = yaml.load(read_text(shipped_layouts_file()))
+        content = YAML().load(read_text(shipped_layouts_file()))
         entry = content["layouts"].pop("paper")
         for other in tuple(content["layouts"]):
             del content["layouts"][other]
@@ -126,9 +124,7 @@ class NewLayout:
         for key, (pair, unit) in self.limits().items():
             whose = _OWNER if key == "s3" and self.stroke_mm else "what the workspace needs"
             _say(entry["joint_limits"][key], list(pair), unit, whose)
-        stream = io.StringIO()
-        yaml.dump(content, stream)
-        return stream.getvalue()
+        return yaml_text(content, width=120)
 
 
 QUESTIONS: dict[str, str] = {one.name: one.metadata["asked"] for one in fields(NewLayout) if one.metadata}
