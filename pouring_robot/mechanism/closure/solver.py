@@ -206,18 +206,16 @@ class ClosureSolver:
             BadInputError: a value is not finite.
             ClosureError: the loops stay open, or Newton does not converge.
         """
-        return self._solve(self.mechanism.with_joint_values(start, drives), drives)
+        configuration = self.mechanism.with_joint_values(start, drives)
+        if not np.all(np.isfinite(configuration)):
+            raise BadInputError("the start configuration holds a value that is not a finite number")
+        configuration = self.mechanism.with_mimics(configuration, drives)
+        state, iterations = self._grown(configuration)
+        return self._result(state, configuration, iterations).within(self.options)
 
     def solve_from(self, configuration: FloatArray) -> ClosureResult:
         """Close the loops from a configuration (nq,) that already holds the drive values; raises as :meth:`solve`."""
-        return self._solve(configuration, {})
-
-    def _solve(self, configuration: FloatArray, values: Mapping[str, float]) -> ClosureResult:
-        if not np.all(np.isfinite(configuration)):
-            raise BadInputError("the start configuration holds a value that is not a finite number")
-        configuration = self.mechanism.with_mimics(configuration, values)
-        state, iterations = self._grown(configuration)
-        return self._result(state, configuration, iterations).within(self.options)
+        return self.solve({}, configuration)
 
     def result_at(self, configuration: FloatArray) -> ClosureResult:
         """Return what holds at a configuration, shape (nq,), that is known to be closed with drives at command."""
