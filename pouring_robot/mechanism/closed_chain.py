@@ -179,17 +179,12 @@ class ClosedChainMechanism:
             anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
         return tuple(anchors)
 
-    def thread_data(self) -> pin.Data:
-        """Return this thread's workspace for Pinocchio's algorithms; the next call may overwrite what it holds."""
+    def frames_at(self, configuration: FloatArray) -> pin.Data:
+        """Return joints and frames where they stand at a configuration (nq,), until this thread asks again."""
         if not hasattr(self._workspace, "data"):
             self._workspace.data = self.shared_model.createData()
+        pin.framesForwardKinematics(self.shared_model, self._workspace.data, configuration)
         return self._workspace.data
-
-    def frames_at(self, configuration: FloatArray) -> pin.Data:
-        """Return this thread's workspace with joints and frames where they stand at a configuration, shape (nq,)."""
-        data = self.thread_data()
-        pin.framesForwardKinematics(self.shared_model, data, configuration)
-        return data
 
     def copy_model(self) -> pin.Model:
         """Return a copy of the Pinocchio model, free to change."""
