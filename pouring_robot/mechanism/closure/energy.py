@@ -128,10 +128,6 @@ class TwistColumns:
     # motion half a step later
     depth: FloatArray
 
-    def precedes(self, joints: TwistColumns) -> FloatArray:
-        """Return 1 where a twist (column) acts before a joint (row) of the same path; shape (joints, n)."""
-        return np.asarray(self.depth[None, :] < joints.depth[:, None], dtype=float)
-
 
 def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.swapaxes(left, 1, 2) @ form @ right)
@@ -283,7 +279,7 @@ class ClosureEnergy:
         change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
         # What turns the column of a joint: twists before it on its path to frame a or frame b.
         own = _dual(joints.on_b, form, columns.on_b) - _dual(joints.on_a, form, columns.on_a)
-        change += _dual(motion, form, columns.on_b) - columns.precedes(joints) * own
+        change += _dual(motion, form, columns.on_b) - (columns.depth < joints.depth[:, None]) * own
         return np.asarray(change.sum(axis=0))
 
     def residual_change(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
