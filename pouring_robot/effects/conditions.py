@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
@@ -39,13 +38,11 @@ def set_apart(robot: RobotDefinition) -> FloatArray:
     """
     mechanism, apart = robot.mechanism(), np.zeros(len(robot.drives))
     model, loops = mechanism.shared_model, mechanism.loops.loops
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
     for k, drive in enumerate(robot.drives):
         joint = model.getJointId(drive.joint)
         if drive.unit == "rad" or model.parents[joint] == 0:
             continue
-        axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:3, model.idx_vs[joint]]
+        axis = mechanism.joint_axes([joint])[0, :3]
         before, placed = model.jointPlacements[joint], model.jointPlacements
         ends = [placed[after].translation for after in range(1, model.njoints) if model.parents[after] == joint]
         frames = (model.frames[mechanism.frame_id(name)] for loop in loops for name in (loop.frame_a, loop.frame_b))

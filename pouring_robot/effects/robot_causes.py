@@ -178,8 +178,7 @@ def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:
     model = mechanism.shared_model
     if not model.existJointName(joint) or model.nvs[model.getJointId(joint)] != 1:
         return np.zeros(3)
-    subspace = np.asarray(model.joints[model.getJointId(joint)].createData().S).reshape(2, 3)
-    return subspace.sum(axis=0)
+    return mechanism.joint_axes([model.getJointId(joint)]).reshape(2, 3).sum(axis=0)
 
 
 def _thermometer(name: str) -> Thermometers:
