@@ -28,7 +28,7 @@ from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
-from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
+from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.effect_stack import LearnedCampaign
@@ -203,7 +203,7 @@ class CampaignRows:
             whole, _ = stack_of(alone, told(self.campaign), ours, seen=False)
             try:
                 by_command, _ = stack_of(alone, told(bare), counted, seen=False)
-            except MissingConditionsError:
+            except BadInputError:  # as a whole nothing was amiss: they lack a condition
                 found.append(effect)
                 continue
             mine, theirs = (local_changes(*zip(*some, strict=True)) if some else {} for some in (whole, by_command))

@@ -42,7 +42,7 @@ from pouring_robot.exceptions import BadInputError, DataError, MissingConditions
 from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.effect_stack import LearnedCampaign
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import AnyRobot, definition_of
 
@@ -151,7 +151,7 @@ def stack_of(
 
     Raises:
         MissingConditionsError: an effect needs one that is not given.
-        BadInputError: an effect, a form or a parameter is unknown, or in another unit.
+        BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
     """
     found, untold = list[tuple[EffectParameter, float]](), dict[str, None]()
     known, counted = all_effects(model.definition), dict[str, Conditions]()
@@ -176,7 +176,7 @@ def stack_of(
             missing = thermometers  # any would do where it was learned: those that were there
         if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
             needed = [h for h in missing if not learned or "." not in h] or missing
-            raise MissingConditionsError(entry.effect, needed, instead)
+            raise _lacking(model, entry, needed, instead)
         try:
             form = {p.name: p for p in effect.form(entry.form, rows).parameters}
         except BadInputError as problem:
@@ -195,7 +195,7 @@ def stack_of(
             if parameter.value and not _is_known(form[name]):
                 some = replace(rows, session=np.full_like(rows.session, -1))
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
-                raise MissingConditionsError(entry.effect, ("session" if by_session else "time_s",))
+                raise _lacking(model, entry, ("session" if by_session else "time_s",))
             found.append((form[name], parameter.value))
         for part, count in effect.untold(rows).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
@@ -203,13 +203,14 @@ def stack_of(
     return found, tuple(untold)
 
 
-def said_of_order(model: RobotModel, problem: MissingConditionsError) -> str:
-    """Return why no time helps an effect that was learned by the order of rows without times; "" where it does."""
-    untimed = {e.effect for e in model.effects if e.learned and not model.learned[e.learned].timed}
-    if problem.headings != ("time_s",) or problem.effect not in untimed:
-        return ""
-    said = f"the model's effect '{problem.effect}' was learned in a campaign without times, so nobody knows"
-    return f"{said} what it does elsewhere; take it out"
+def _lacking(
+    model: RobotModel, entry: EffectEntry, headings: Sequence[str], instead: Sequence[str] = ()
+) -> BadInputError:
+    """Return what to raise of an effect that needs more; no time helps what was learned by the order of rows."""
+    if [*headings] != ["time_s"] or not entry.learned or model.learned[entry.learned].timed:
+        return MissingConditionsError(entry.effect, headings, instead)
+    said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
+    return model.fault(f"{said} what it does elsewhere; take it out")
 
 
 def changes_by_stack(
@@ -226,8 +227,6 @@ def changes_by_stack(
     try:
         found, untold = stack_of(model, told(campaign), functools.partial(conditions_of, campaign, nominal))
     except MissingConditionsError as problem:
-        if by_order := said_of_order(model, problem):
-            raise model.fault(by_order) from problem
         raise refusal(
             f"the model's effect '{problem.effect}' needs {problem.needed}, and the campaign does not say it",
             "add it to the campaign, or take the effect out of the model file",

@@ -29,7 +29,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, said_of_order, stack_of
+from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, stack_of
 from pouring_robot.exceptions import (
     BadInputError,
     CompensationError,
@@ -154,12 +154,7 @@ class RobotUnderConditions:
             return found if learned.timed else replace(found, time_known=True)
 
         given = told(campaign)
-        try:
-            found, untold = stack_of(self.robot.model, given, counted, seen=False)
-        except MissingConditionsError as problem:
-            if by_order := said_of_order(self.robot.model, problem):
-                raise self.robot.model.fault(by_order) from problem
-            raise
+        found, untold = stack_of(self.robot.model, given, counted, seen=False)
         beyond = self._beyond(given)
         self.notes = (*beyond.values(), *self._notes(), *untold)
         changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
