@@ -18,7 +18,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
-from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
+from pouring_robot.effects.conditions import NominalRows, conditions_of, of_commands, told
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
@@ -31,7 +31,6 @@ from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
-from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -191,13 +190,7 @@ class CampaignRows:
         """
         ours = functools.partial(conditions_of, self.campaign, self._nominal)
         bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
-
-        def counted(learned: LearnedCampaign | None) -> Conditions:
-            known = conditions_of(bare, self._nominal, learned)
-            # The order of rows stands for time in the campaign itself only.
-            return replace(known, time_known=learned is not None and not learned.timed)
-
-        found = []
+        counted, found = functools.partial(of_commands, bare, self._nominal), []
         for effect in model.conditional:
             alone = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
             whole, _ = stack_of(alone, told(self.campaign), ours, seen=False)

@@ -6,7 +6,7 @@ Forces follow from virtual work: a drive that yields by dq under the weight W at
 import functools
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -292,6 +292,12 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         filled=tuple(filled),
         assumed=() if stated is not None else (f"reference temperature {reference:g} °C",),
     )
+
+
+def of_commands(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None) -> Conditions:
+    """Return the conditions of commands, as :func:`conditions_of`; the order of measured rows only stands for time."""
+    found = conditions_of(campaign, nominal, learned)
+    return replace(found, time_known=True) if learned and not learned.timed else found
 
 
 def told(campaign: Campaign) -> dict[str, FloatArray]:

@@ -26,7 +26,7 @@ from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
-from pouring_robot.effects.conditions import Conditions, conditions_of, told
+from pouring_robot.effects.conditions import of_commands, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, stack_of
@@ -44,7 +44,6 @@ from pouring_robot.io.tables import LARGEST, LATEST, read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.robot import NUMBERS, Command, Robot
@@ -145,15 +144,7 @@ class RobotUnderConditions:
             first = int(np.argmax(closure.status != 0)) + 1
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
-
-        def counted(learned: LearnedCampaign | None) -> Conditions:
-            if learned is None:
-                raise TypeError("every effect says where it was learned")
-            found = conditions_of(campaign, nominal, learned)
-            # The order of rows stands for time in the campaign itself only.
-            return found if learned.timed else replace(found, time_known=True)
-
-        given = told(campaign)
+        given, counted = told(campaign), functools.partial(of_commands, campaign, nominal)
         found, untold = stack_of(self.robot.model, given, counted, seen=False)
         beyond = self._beyond(given)
         self.notes = (*beyond.values(), *self._notes(), *untold)
