@@ -30,6 +30,7 @@ from pouring_robot.effects.conditions import of_commands, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, stack_of
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
     CompensationError,
@@ -42,7 +43,6 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
 from pouring_robot.io.tables import LARGEST, LATEST, read_table
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -148,9 +148,10 @@ class RobotUnderConditions:
         found, untold = stack_of(self.robot.model, given, counted, seen=False)
         beyond = self._beyond(given)
         self.notes = (*beyond.values(), *self._notes(), *untold)
-        changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
+        local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
+        changes = RowChanges.of(local, engine.structure, len(drives))
         try:
-            return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
+            return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))]
         except TooLargeError as problem:
             if far := self._far_out(drives, beyond):  # no unit is wrong
                 mend = "stay within that, or measure there and diagnose again"
@@ -196,19 +197,12 @@ class RobotUnderConditions:
             **arrays_from(numbers, self.definition),
         )
 
-    def _standing(self, changes: Mapping[str, float]) -> Robot:
-        """Return the robot with local parameters changed, in m and rad."""
-        base, drives, twists = np.zeros(6), dict[str, float](), dict[str, FloatArray]()
-        for name, change in changes.items():
-            kind, _, rest = name.partition(".")
-            if kind == "base":
-                base[COMPONENTS.index(rest)] = change
-            elif kind == "drive":
-                drives[rest] = change
-            else:
-                twists.setdefault(kind, np.zeros(6))[COMPONENTS.index(rest)] = change
-        moved = {joint: pin.SE3(pin.exp3(twist[3:]), twist[:3]) for joint, twist in twists.items()}
-        model = self.robot.model.displaced(moved, drives)
+    def _standing(self, changes: RowChanges, row: int, sites: Sequence[str]) -> Robot:
+        """Return the robot as changes displace its sites, by joint, and shift its drives and base in a row."""
+        base, twists = changes.base[row], zip(sites, changes.placements[row].reshape(-1, 6), strict=True)
+        moved = {joint: pin.SE3(pin.exp3(twist[3:]), twist[:3]) for joint, twist in twists if twist.any()}
+        drives = zip(self.definition.loops.drives, changes.drives[row].tolist(), strict=True)
+        model = self.robot.model.displaced(moved, {joint: shift for joint, shift in drives if shift})
         if base.any():
             built, carried = model.displacements(), dict[str, pin.SE3]()
             shift, own = pin.SE3(pin.exp3(base[3:]), base[:3]), self.definition.loops.base_frame

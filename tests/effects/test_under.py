@@ -17,10 +17,12 @@ from pouring_robot import (
     robots_under,
     simulate_campaign,
 )
+from pouring_robot.batch import engine_for
 from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, MissingConditionsError, ModelFileError, NoSolutionError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -106,7 +108,9 @@ def test_a_base_that_moves_takes_any_robot_along(machine):
     home = model.definition.home_drives
     moved = np.array([1e-3, -2e-3, 0.5e-3, 1e-3, 2e-3, -1e-3])
     names = [f"base.{name}" for name in ("tx", "ty", "tz", "rx", "ry", "rz")]
-    standing = RobotUnderConditions(robot, {})._standing(dict(zip(names, moved.tolist(), strict=True)))
+    structure = engine_for(robot.nominal_solver.mechanism).structure
+    changes = RowChanges.of(dict(zip(names, moved[:, None], strict=True)), structure, 1)
+    standing = RobotUnderConditions(robot, {})._standing(changes, 0, structure.site_joints)
     there = pin.SE3(pin.exp3(moved[3:]), moved[:3]) * robot.location_at(home).actual.pose_base_to_end
     np.testing.assert_allclose(
         standing.location_at(home).actual.pose_base_to_end.homogeneous, there.homogeneous, atol=1e-9
