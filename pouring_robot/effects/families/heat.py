@@ -189,13 +189,9 @@ class LinksGrowth(Family):
         prior_std, places = _PRIOR_STD_PPM, conditions.causes.placements.places
         carried = grown_places(conditions.robot, places) + chain_ends(conditions.robot, places)
         carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
-        carried = [(joint, by, place) for joint, by, place in carried if by in conditions.rises]
-        followed = dict.fromkeys(by for _, by, _ in carried)
+        followed = {by: conditions.rises[by] for _, by, _ in carried if by in conditions.rises}
 
-        def changes(wanted: Collection[str], lag_s: float = 0.0) -> dict[str, FloatArray]:
-            rises = {thermometer: conditions.rises[thermometer] for thermometer in wanted}
-            if lag_s:
-                rises = {name: conditions.behind(rise, lag_s) - rise for name, rise in rises.items()}
+        def changes(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             grown: dict[str, FloatArray] = {}
             for joint, by, place in carried:
                 if by in rises:
@@ -212,11 +208,14 @@ class LinksGrowth(Family):
                     found[channel(drive)] = _PPM * conditions.drives[:, k] * rise
             return found
 
-        scales = slides({thermometer: conditions.rises[thermometer] for thermometer in followed})
+        scales = slides(followed)
+        late = [
+            (lag_s, {by: conditions.behind(rise, lag_s) - rise for by, rise in followed.items()}) for lag_s in _LAGS_S
+        ]
         for screws in (True, False) if scales else (True,):
-            shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(followed, lag_s)) for lag_s in _LAGS_S]
+            shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(rises)) for lag_s, rises in late]
             if len(followed) > 1:
-                shapes += [(f"{thermometer}_share", 0.3, changes((thermometer,))) for thermometer in followed]
+                shapes += [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
             if scales:
                 shapes.append(("drives_share", 0.3, scales))
             main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
