@@ -18,7 +18,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
-from pouring_robot.effects.conditions import NominalRows, conditions_of, of_commands, told
+from pouring_robot.effects.conditions import NominalRows, conditions_of, of_commands
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
@@ -188,18 +188,16 @@ class CampaignRows:
 
         What belongs to the measuring device does nothing to a command.
         """
-        ours = functools.partial(conditions_of, self.campaign, self._nominal)
         bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
-        counted, found = functools.partial(of_commands, bare, self._nominal), []
+        found = []
         for effect in model.conditional:
             alone = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
-            whole, _ = stack_of(alone, told(self.campaign), ours, seen=False)
+            mine, _ = stack_of(alone, self.campaign, self._nominal, seen=False)
             try:
-                by_command, _ = stack_of(alone, told(bare), counted, seen=False)
+                theirs, _ = stack_of(alone, bare, self._nominal, of_commands, seen=False)
             except BadInputError:  # as a whole nothing was amiss: they lack a condition
                 found.append(effect)
                 continue
-            mine, theirs = (local_changes(*zip(*some, strict=True)) if some else {} for some in (whole, by_command))
             if any(not np.array_equal(change, theirs[name]) for name, change in mine.items()):
                 found.append(effect)
         return tuple(found)

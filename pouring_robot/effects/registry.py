@@ -138,23 +138,24 @@ def chosen_effects(robot: AnyRobot = None, exclude: str | Sequence[str] = ()) ->
 
 def stack_of(
     model: RobotModel,
-    given: Collection[str],
-    conditions: Callable[[LearnedCampaign | None], Conditions],
+    campaign: Campaign,
+    nominal: NominalRows,
+    conditions: Callable[[Campaign, NominalRows, LearnedCampaign | None], Conditions] = conditions_of,
     *,
     seen: bool = True,
-) -> tuple[list[tuple[EffectParameter, float]], tuple[str, ...]]:
-    """Return what of a model depends on conditions, not being placed: parameters, each with its value in its unit.
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """Return what of a model depends on conditions, not being placed, as :func:`local_changes`.
 
-    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. ``given`` are
-    the headings of all conditions that are known, in inner units; ``conditions`` gives those of the rows, as shapes
-    that were learned in a campaign count them. ``seen``: with what does not move the robot but what is seen of it.
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. All rows are
+    usable, and ``nominal`` are they by the drawing; ``conditions`` gives theirs as shapes that were learned in a
+    campaign count them. ``seen``: with what does not move the robot but what is seen of it.
 
     Raises:
         MissingConditionsError: an effect needs one that is not given.
         BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
     """
-    found, untold = list[tuple[EffectParameter, float]](), dict[str, None]()
-    known, counted = all_effects(model.definition), dict[str, Conditions]()
+    parameters, values, untold = list[EffectParameter](), list[float](), dict[str, None]()
+    known, given, counted = all_effects(model.definition), told(campaign), dict[str, Conditions]()
     for entry in model.effects:
         if entry.placed:
             continue
@@ -165,7 +166,7 @@ def stack_of(
             continue
         learned = model.learned.get(entry.learned)
         if entry.learned not in counted:
-            counted[entry.learned] = conditions(learned)
+            counted[entry.learned] = conditions(campaign, nominal, learned)
         rows = counted[entry.learned]
         lost = [heading for heading in learned.ranges if heading not in given] if learned else []
         unsaid, instead = _unsaid(effect, model.definition, given, lost)
@@ -196,11 +197,12 @@ def stack_of(
                 some = replace(rows, session=np.full_like(rows.session, -1))
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
                 raise _lacking(model, entry, ("session" if by_session else "time_s",))
-            found.append((form[name], parameter.value))
+            parameters.append(form[name])
+            values.append(parameter.value)
         for part, count in effect.untold(rows).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
             untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
-    return found, tuple(untold)
+    return local_changes(parameters, values), tuple(untold)
 
 
 def _lacking(
@@ -220,18 +222,17 @@ def changes_by_stack(
     structure: Structure,
     refusal: Callable[[str, str], DataError],
 ) -> tuple[RowChanges, tuple[str, ...]]:
-    """Return what a model's effects change in the rows of a campaign, all usable; ``nominal`` are they by the drawing.
+    """Return what a model's effects change in the rows of a campaign.
 
-    The rest as :func:`stack_of`, but that a condition that the campaign does not say is a ``refusal``.
+    As :func:`stack_of`, but that a condition that the campaign does not say is a ``refusal``.
     """
     try:
-        found, untold = stack_of(model, told(campaign), functools.partial(conditions_of, campaign, nominal))
+        local, untold = stack_of(model, campaign, nominal)
     except MissingConditionsError as problem:
         raise refusal(
             f"the model's effect '{problem.effect}' needs {problem.needed}, and the campaign does not say it",
             "add it to the campaign, or take the effect out of the model file",
         ) from problem
-    local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
     return RowChanges.of(local, structure, len(campaign)), untold
 
 

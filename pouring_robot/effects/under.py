@@ -29,7 +29,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import of_commands, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects, learned_ranges, local_changes, stack_of
+from pouring_robot.effects.registry import all_effects, learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
@@ -144,11 +144,9 @@ class RobotUnderConditions:
             first = int(np.argmax(closure.status != 0)) + 1
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
-        given, counted = told(campaign), functools.partial(of_commands, campaign, nominal)
-        found, untold = stack_of(self.robot.model, given, counted, seen=False)
-        beyond = self._beyond(given)
+        local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=False)
+        beyond = self._beyond(told(campaign))
         self.notes = (*beyond.values(), *self._notes(), *untold)
-        local = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         changes = RowChanges.of(local, engine.structure, len(drives))
         try:
             return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))]
