@@ -7,7 +7,7 @@ from pouring_robot.effects.conditions import NominalRows
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.weight import own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 
@@ -17,7 +17,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
     joints = tuple(filter(None, engine.structure.site_joints))
-    turns = [turn for turn in placement_parameters(joints) if turn.unit == "rad"]
+    turns = [turn for turn in engine.structure.parameters if turn.unit == "rad"]
     moved = engine.transfer(closure, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
     own = causes_of(robot).own_weight
