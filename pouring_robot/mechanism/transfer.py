@@ -142,7 +142,7 @@ def _imposed(
     energy, drives = solver.energy, solver.mechanism.loops.drives
     change = energy.gradient_derivative(state, placed.columns())
     motion = np.zeros_like(change)
-    weight = Weight(energy, result.configuration) if energy.loads.gravity else None
+    weight = Weight(energy) if energy.loads.gravity else None
     if weight:
         change += weight.placement_derivative(placed)
     for k, parameter in enumerate(placed.parameters):

@@ -68,20 +68,16 @@ class _Body:
 
 
 class Weight:
-    """The weight of the links under the loads of an energy, at one configuration (nq,)."""
+    """The weight of the links under the loads of an energy, where joints and frames in its data stand."""
 
-    def __init__(self, energy: ClosureEnergy, configuration: FloatArray) -> None:
-        self._energy, self._mechanism = energy, energy.mechanism
-        self._model = energy.model
-        self._data = self._model.createData()
-        pin.computeJointJacobians(self._model, self._data, configuration)
-        pin.updateFramePlacements(self._model, self._data)
-        self._gravity = np.array(self._model.gravity.linear)
+    def __init__(self, energy: ClosureEnergy) -> None:
+        self._energy, self._mechanism, self._data = energy, energy.mechanism, energy.data
+        self._gravity = np.array(energy.model.gravity.linear)
         self._bodies = self._all_bodies()
 
     def _all_bodies(self) -> list[_Body]:
         """Return the bodies one by one: Pinocchio has merged those behind fixed joints into their moving parent."""
-        model, data, paths = self._mechanism.shared_model, self._data, self._mechanism.frame_paths
+        model, data, paths = self._mechanism.shared_model, self._data, self._mechanism.joint_paths
         bodies = []
         merged = [pin.Inertia.Zero() for _ in range(model.njoints)]
         for i, frame in enumerate(model.frames):
@@ -93,9 +89,7 @@ class Weight:
             if own_mass > 1e-12:
                 moment = model.inertias[joint].mass * model.inertias[joint].lever
                 lever = (moment - merged[joint].mass * merged[joint].lever) / own_mass
-                bodies.append(
-                    _Body(own_mass, data.oMi[joint].act(lever), self._mechanism.joint_paths[model.names[joint]])
-                )
+                bodies.append(_Body(own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
         if self._energy.loads.payload_kg > 0.0:
             bodies.append(self._payload(self._energy.loads.payload_kg))
         return bodies
@@ -119,7 +113,7 @@ class Weight:
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
         """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
-        change = np.zeros((self._model.nv, len(placed.parameters)))
+        change = np.zeros((self._energy.model.nv, len(placed.parameters)))
         joints = self._energy.joint_depths
         for k, parameter in enumerate(placed.parameters):
             if not isinstance(parameter, PlacementParameter):
