@@ -118,7 +118,7 @@ def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[
 
     The latter with all joints held. Frames in the energy's data are up to date.
     """
-    own = energy.mechanism.loops.base_frame
+    own, paths = energy.mechanism.loops.base_frame, energy.mechanism.frame_paths
     ids = [energy.mechanism.frame_id(name) for name in (frame, own)]
     tip, base = (energy.data.oMf[k] for k in ids)
     pose = base.actInv(tip)
@@ -126,7 +126,7 @@ def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[
     # Turns world twists into displacement of the frame's origin and rotation, in base axes.
     to_base_axes = turn.toActionMatrix() @ tip.toActionMatrixInverse()
     of_tip, of_base = (pin.getFrameJacobian(energy.model, energy.data, k, pin.WORLD) for k in ids)
-    direct = to_base_axes @ (placed.world * (placed.carried(frame) - placed.carried(own)))
+    direct = to_base_axes @ (placed.world * (placed.carried(paths[frame]) - placed.carried(paths[own])))
     for k, parameter in enumerate(placed.parameters):
         if isinstance(parameter, FrameParameter):
             # Turning the base swings the frame about the base's origin.

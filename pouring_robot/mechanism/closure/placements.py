@@ -6,7 +6,7 @@ changes it by :math:`-m\, g \cdot (\omega_u \times v_d(c))` for every body beyon
 that comes first on the path and d the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,19 +42,18 @@ class PlacedTwists:
         twists = np.array([parameter.twist for _, parameter in placed])
         self.world[:, columns] = (np.stack(actions)[self._owner[columns]] @ twists[:, :, None])[:, :, 0].T
 
-    def carried(self, frame: str) -> FloatArray:
-        """Return 1 for each parameter that displaces a frame with all joints held, else 0; shape (n,)."""
-        path = self._mechanism.frame_paths[frame]
+    def carried(self, path: Collection[str]) -> FloatArray:
+        """Return 1 for each parameter that displaces what stands at the end of a path, joints held, else 0; (n,)."""
         hangs = np.array([*(joint in path for joint in self._joints), False], dtype=float)
         return np.asarray(hangs[self._owner])
 
     def columns(self) -> TwistColumns:
         """Return the twists as the loops feel them."""
-        mechanism, loops = self._mechanism, self._mechanism.loops.loops
+        mechanism, paths, loops = self._mechanism, self._mechanism.frame_paths, self._mechanism.loops.loops
         depths = np.array([*(mechanism.path_depths[joint] for joint in self._joints), 0.0])[self._owner]
         shape = (len(loops), 1, len(depths))
-        on_a = np.reshape([self.carried(loop.frame_a) for loop in loops], shape)
-        on_b = np.reshape([self.carried(loop.frame_b) for loop in loops], shape)
+        on_a = np.reshape([self.carried(paths[loop.frame_a]) for loop in loops], shape)
+        on_b = np.reshape([self.carried(paths[loop.frame_b]) for loop in loops], shape)
         return TwistColumns(self.world * on_a, self.world * on_b, depths)
 
 
@@ -113,21 +112,15 @@ class Weight:
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
         """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
-        change = np.zeros((self._energy.model.nv, len(placed.parameters)))
-        joints = self._energy.joint_depths
-        for k, parameter in enumerate(placed.parameters):
-            if not isinstance(parameter, PlacementParameter):
-                continue
-            twist = placed.world[:, k, None]
-            first = self._mechanism.path_depths[parameter.joint] < joints
-            for body in self._bodies:
-                if parameter.joint not in body.path:
-                    continue
-                own, displaced = _velocity(self._data.J, body.centre), _velocity(twist, body.centre)
-                outer = np.where(first, twist[3:], self._data.J[3:])
-                inner = np.where(first, own, displaced)
-                turned = np.cross(outer, inner, axis=0)
-                change[:, k] -= body.mass * (self._gravity @ turned) * self._carries(body)
+        motion, twists = self._data.J, placed.world
+        first = placed.columns().depth < self._energy.joint_depths[:, None]
+        # g · (ω × v) = (g × ω) · v, of the one that comes first and the other
+        by_joint, by_placement = (np.cross(self._gravity, part[3:], axisb=0) for part in (motion, twists))
+        change = np.zeros(first.shape)
+        for body in self._bodies:
+            own, displaced = _velocity(motion, body.centre), _velocity(twists, body.centre)
+            turned = np.where(first, own.T @ by_placement.T, by_joint @ displaced)
+            change -= body.mass * turned * np.outer(self._carries(body), placed.carried(body.path))
         return change
 
 
