@@ -21,7 +21,7 @@ from pouring_robot.mechanism.parameters import (
     placement_parameters,
 )
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from tests.support import ARM_JOINTS, arm, perturbed, placement_error, pose_gap, round_off
+from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, pose_gap, round_off
 
 VALUES = dict(zip(ARM_JOINTS, (0.7, -0.4, 1.1, 9.5, 0.6, -12.0), strict=True))
 SOFT = Loads(
@@ -101,6 +101,17 @@ def test_every_parameter_matches_central_differences(loads):
         np.testing.assert_allclose(
             transfer.matrix[:, column], expected, rtol=0, atol=1e-6 * own + known, err_msg=parameter.name
         )
+
+
+def test_a_body_weighs_on_the_joints_that_carry_it_whatever_links_are_called():
+    """Behind a fixed joint that is called as a link further down is."""
+    mass = '<inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    urdf, found = arm_urdf().replace('<link name="flange"/>', f'<link name="flange">{mass}</link>'), []
+    for name in ("flange_mount", "waist_link"):
+        mechanism = ClosedChainMechanism(urdf.replace('"flange_mount"', f'"{name}"'), arm().loops)
+        solver, result = solved(mechanism, SOFT)
+        found.append(closed_chain_transfer(solver, result, placement_parameters(ARM_JOINTS)).matrix)
+    np.testing.assert_array_equal(*found)
 
 
 def test_the_base_and_the_tool_move_the_pose_as_frames_do():
