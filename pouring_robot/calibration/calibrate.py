@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
@@ -39,13 +38,9 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
-
-if TYPE_CHECKING:
-    import pandas
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
@@ -66,33 +61,8 @@ class CalibrationOptions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Result, CalibrationFindings):
+class Calibration(CalibrationFindings):
     """A calibrated robot and everything that says how far to trust it; fields as :class:`CalibrationFindings`."""
-
-    @property
-    def verdict(self) -> Literal["accepted", "unchanged", "refused"]:
-        """Whether parameters are in the model: none helped (``unchanged``), or held-out rows refused them."""
-        if self.refused:
-            return "refused"
-        return "accepted" if self.changed else "unchanged"
-
-    @property
-    def headline(self) -> str:
-        """The outcome in one sentence: held-out error before and after, and the noise."""
-        from pouring_robot.calibration.report import headline
-
-        return headline(self)
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
-        import pandas
-
-        names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
-        rows = [
-            (p.name, p.group, p.unit, p.value, p.std, *p.interval, p.prior_std, p.learnt, p.verdict)
-            for p in parameter_lines(self)
-        ]
-        return pandas.DataFrame(rows, columns=names)
 
     def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.

@@ -1,8 +1,13 @@
 """What a calibration found, and what moved: parameters, and the combinations of them that a campaign determines."""
 
+from __future__ import annotations
+
+import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import scipy.special
 
 from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance
 from pouring_robot.calibration.selection import Refusal, Selection
@@ -16,8 +21,12 @@ from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
+from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup
+
+if TYPE_CHECKING:
+    import pandas
 
 LEARNT = 0.5
 """A parameter is measured when the data took at least this share of its prior variance away."""
@@ -25,8 +34,8 @@ SEEN = 0.01
 """Below this share no pose of the campaign shows a parameter by itself."""
 
 
-@dataclass(frozen=True, eq=False)
-class CalibrationFindings:
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationFindings(Result):
     """A calibrated robot and everything that says how far to trust it."""
 
     campaign: Campaign
@@ -71,6 +80,53 @@ class CalibrationFindings:
     def misfit(self, rows: Indices, *, after: bool) -> Misfit:
         """Return the misfit over rows, those left out excluded."""
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
+
+    @property
+    def noise_floor(self) -> dict[str, float]:
+        """What noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
+        noise, factor = self.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
+        rotation = noise.rotation_rad if noise.turned else float("nan")
+        return {
+            "rms_mm": noise.length_m / MM,
+            "p95_mm": factor * noise.length_m / MM,
+            "rms_mrad": rotation / MRAD,
+            "p95_mrad": factor * rotation / MRAD,
+        }
+
+    @property
+    def verdict(self) -> Literal["accepted", "unchanged", "refused"]:
+        """Whether parameters are in the model: none helped (``unchanged``), or held-out rows refused them."""
+        if self.refused:
+            return "refused"
+        return "accepted" if self.changed else "unchanged"
+
+    @property
+    def headline(self) -> str:
+        """The outcome in one sentence: held-out error before and after, and the noise."""
+        test = np.setdiff1d(self.split.test, self.left_out)
+        before, after = (vars(self.misfit(test, after=a)) for a in (False, True))
+        floor, units = self.noise_floor, [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
+        unseen = self.noise.unseen(np.flatnonzero(np.isfinite(self.before[test]).any(axis=0)))
+        if not self.changed:
+            what, key = "Nothing to calibrate", f"rms_{units[0]}"
+            if self.inflation > 1.0:
+                what = "No geometry found that explains the error"
+            size, noise = f"{before[key]:.3f} {units[0]} RMS", f"{floor[key]:.3f} {units[0]}"
+            return f"{what}: held-out rows{unseen} are at {size}, noise {noise}."
+        first, *others = (f"{before[f'rms_{unit}']:.3f} to {after[f'rms_{unit}']:.3f} {unit}" for unit in units)
+        errors, noises = (f"{first} RMS", *others), (f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
+        return f"Held-out error{unseen} {' and '.join(errors)}; noise floor {' and '.join(noises)}."
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
+        import pandas
+
+        names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
+        rows = [
+            (p.name, p.group, p.unit, p.value, p.std, *p.interval, p.prior_std, p.learnt, p.verdict)
+            for p in parameter_lines(self)
+        ]
+        return pandas.DataFrame(rows, columns=names)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import numpy as np
-
 from pouring_robot.calibration.findings import (
     SEEN,
     CalibrationFindings,
@@ -18,7 +16,7 @@ from pouring_robot.calibration.findings import (
     parameter_lines,
 )
 from pouring_robot.calibration.plots import plots
-from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.calibration.summary import calibration_metrics, next_measurements, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.mechanism.arrays import Z95
@@ -33,24 +31,6 @@ SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 
 
-def headline(calibration: CalibrationFindings) -> str:
-    """Return the outcome in one sentence."""
-    test = np.setdiff1d(calibration.split.test, calibration.left_out)
-    before, after = (vars(calibration.misfit(test, after=a)) for a in (False, True))
-    floor, units = noise_floor(calibration), [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
-    unseen = calibration.noise.unseen(np.flatnonzero(np.isfinite(calibration.before[test]).any(axis=0)))
-    if not calibration.changed:
-        what, key = "Nothing to calibrate", f"rms_{units[0]}"
-        if calibration.inflation > 1.0:
-            what = "No geometry found that explains the error"
-        return (
-            f"{what}: held-out rows{unseen} are at {before[key]:.3f} {units[0]} RMS, noise {floor[key]:.3f} {units[0]}."
-        )
-    first, *others = (f"{before[f'rms_{unit}']:.3f} to {after[f'rms_{unit}']:.3f} {unit}" for unit in units)
-    errors, noise = (f"{first} RMS", *others), (f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
-    return f"Held-out error{unseen} {' and '.join(errors)}; noise floor {' and '.join(noise)}."
-
-
 def gap_table(calibration: CalibrationFindings) -> Table:
     """Return the table of errors: rows, what, RMS, P95 and largest in mm and mrad."""
     split = calibration.split
@@ -59,7 +39,7 @@ def gap_table(calibration: CalibrationFindings) -> Table:
         for label, after in (("before", False), ("after", True)):
             misfit = calibration.misfit(part, after=after)
             rows.append((name, label, *_cells(dataclasses.asdict(misfit)), str(misfit.rows)))
-    rows.append(("noise", "floor", *_cells(noise_floor(calibration)), "–"))
+    rows.append(("noise", "floor", *_cells(calibration.noise_floor), "–"))
     return Table(("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count"), rows)
 
 
@@ -194,7 +174,7 @@ def html_report(calibration: CalibrationFindings) -> str:
             Paragraph(left),
         ]
     blocks: list[Block] = [
-        Paragraph(headline(calibration), "lead"),
+        Paragraph(calibration.headline, "lead"),
         *(Paragraph(line, "warn") for line in warnings_of(calibration)),
         Paragraph(f"{calibration.campaign.path}: {split_line(calibration)}"),
         Heading("Error before and after"),
@@ -241,7 +221,7 @@ def described(calibration: CalibrationFindings) -> RobotModel:
     told = [*warnings_of(calibration), *notes_of(calibration)]
     warnings = [line for line in told if any(words in line for words in ("deficient", "do not use", "heat section"))]
     said = [f"{line[0].upper()}{line[1:]}." for line in warnings]
-    said += [headline(calibration), f"Calibrated with {calibration.campaign.path.name}."]
+    said += [calibration.headline, f"Calibrated with {calibration.campaign.path.name}."]
     if calibration.present.description:
         said.append(f"Before: {calibration.present.description}")
     return calibration.calibrated.model_copy(update={"description": " ".join(said)})

@@ -30,18 +30,6 @@ Figures = dict[str, Any]
 _BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 
-def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
-    """Return what noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
-    noise, factor = calibration.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
-    rotation = noise.rotation_rad if noise.turned else float("nan")
-    return {
-        "rms_mm": noise.length_m / MM,
-        "p95_mm": factor * noise.length_m / MM,
-        "rms_mrad": rotation / MRAD,
-        "p95_mrad": factor * rotation / MRAD,
-    }
-
-
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     found = [flag.message for flag in calibration.flags if flag.code is FlagCode.ANOTHER_ROBOT]
@@ -169,7 +157,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             name: {
                 "before": dataclasses.asdict(calibration.misfit(rows, after=False)),
                 "after": dataclasses.asdict(calibration.misfit(rows, after=True)),
-                "floor": noise_floor(calibration),
+                "floor": calibration.noise_floor,
             }
             for name, rows in (("train", split.train), ("held_out", split.test))
         },

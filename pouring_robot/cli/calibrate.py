@@ -73,7 +73,7 @@ def _print(found: Calibration) -> None:
     from pouring_robot.calibration import report
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
-    options.say(report.headline(found), style="bold")
+    options.say(found.headline, style="bold")
     for line in warnings_of(found):
         options.say(f"warning: {line}", style="yellow")
     options.say(report.split_line(found))

@@ -22,7 +22,6 @@ from rich.console import Console
 from rich.progress import track
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
-from pouring_robot.calibration.summary import noise_floor
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import BadInputError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
@@ -95,7 +94,7 @@ def run_case(folder: Path) -> Case:
     except PouringRobotError as error:
         return Case(folder.name, _kind(truth), refused=str(error), seconds=time.perf_counter() - began)
     before, after = (found.misfit(found.split.test, after=a) for a in (False, True))
-    floor = noise_floor(found)
+    floor = found.noise_floor
     return Case(
         folder.name,
         _kind(truth),

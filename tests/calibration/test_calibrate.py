@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, _under_effects, calibrate
-from pouring_robot.calibration.report import headline
 from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
@@ -209,7 +208,7 @@ def test_held_out_rows_refuse_what_makes_them_worse(misled):
     assert calibration.calibrated.joint_placements == {}
     np.testing.assert_allclose(calibration.after, calibration.before, atol=1e-6)
     assert any("rows held out refuse what was found (fixed_centres)" in line for line in warnings_of(calibration))
-    assert headline(calibration).startswith("No geometry found that explains the error")
+    assert calibration.headline.startswith("No geometry found that explains the error")
 
 
 def test_who_keeps_all_keeps_it_and_is_warned(misled):

@@ -13,7 +13,6 @@ from pouring_robot.calibration.report import (
     effect_table,
     gap_table,
     group_lines,
-    headline,
     html_report,
     ladle_line,
     parameter_table,
@@ -24,9 +23,9 @@ from pouring_robot.calibration.report import (
 def test_the_headline_says_the_outcome(found, unchanged):
     test = found.split.test
     before, after = (found.misfit(test, after=a).rms_mm for a in (False, True))
-    assert f"{before:.3f} to {after:.3f} mm" in headline(found)
-    assert "noise floor" in headline(found)
-    assert headline(unchanged).startswith("Nothing to calibrate")
+    assert f"{before:.3f} to {after:.3f} mm" in found.headline
+    assert "noise floor" in found.headline
+    assert unchanged.headline.startswith("Nothing to calibrate")
 
 
 @pytest.mark.parametrize("name", ["found", "unchanged"])
@@ -34,7 +33,7 @@ def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, requ
     calibration = request.getfixturevalue(name)
     before, after = calibration.before.copy(), calibration.after.copy()
     before[calibration.split.test, :3] = after[calibration.split.test, :3] = np.nan
-    said = headline(dataclasses.replace(calibration, before=before, after=after))
+    said = dataclasses.replace(calibration, before=before, after=after).headline
     turned = calibration.misfit(calibration.split.test, after=False).rms_mrad
     assert "(no position measured)" in said
     assert f"{turned:.3f}" in said
@@ -100,5 +99,11 @@ def test_the_page_is_whole_and_needs_no_other_file(found, unchanged):
         assert not reader.open
         assert reader.outside == ["calibrated.yaml", "calibration.json"]  # beside it
         text = " ".join(reader.text)
-        for heading in ("Error before and after", "What moved", "What to measure next", "How groups were chosen"):
+        for heading in (
+            "Calibration with ",
+            "Error before and after",
+            "What moved",
+            "What to measure next",
+            "How groups were chosen",
+        ):
             assert heading in text

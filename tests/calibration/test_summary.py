@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.calibration.summary import calibration_metrics, next_measurements, notes_of, warnings_of
 from pouring_robot.checks.flags import DataFlag, FlagCode
 from pouring_robot.robot.heat_section import HeatSection
 
@@ -16,7 +16,7 @@ def test_figures_are_json_and_agree_with_the_calibration(found):
     assert figures["gap"]["held_out"]["after"]["rms_mm"] == pytest.approx(
         found.misfit(found.split.test, after=True).rms_mm
     )
-    assert figures["gap"]["held_out"]["floor"] == pytest.approx(noise_floor(found))
+    assert figures["gap"]["held_out"]["floor"] == pytest.approx(found.noise_floor)
     assert len(figures["parameters"]) == len(figures["correlation"]["names"])
     assert figures["base_parameters"]["rank"] == found.base.rank
     assert figures["noise"]["position_source"] == "repeats"
