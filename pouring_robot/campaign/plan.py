@@ -1,6 +1,5 @@
 """Pose plans: what to command, under which conditions; from a CSV file or at random."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,11 +47,6 @@ class PosePlan:
         numbers = {q.canonical: self.conditions.get(q.name) for q in robot.condition_columns}
         sessions = {"session": self.sessions} if len(set(self.sessions)) > 1 else {}
         return {heading: values for heading, values in numbers.items() if values is not None} | sessions
-
-    @property
-    def platform_poses(self) -> Iterator[PlatformPose]:
-        """The poses, of the pouring robot."""
-        return (pose for pose in self.poses if isinstance(pose, PlatformPose))
 
 
 def read_plan(path: Path | str, robot: Robot) -> PosePlan:

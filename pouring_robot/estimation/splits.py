@@ -81,7 +81,7 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
         kinds = ("session", "region")
     frames = _frame_columns(campaign)
     for kind in kinds:
-        parts = list(blocks(campaign, kind, left_out=left_out).items())
+        parts = list(blocks(campaign, kind, left_out).items())
         last = parts[-1][1].size if parts else 0
         train = sum(rows.size for _, rows in parts[:-1])
         told = [_inner_products(frames[rows]) for _, rows in parts]
@@ -125,18 +125,14 @@ def _inner_products(columns: FloatArray) -> FloatArray:
     return np.asarray(flat.T @ flat)
 
 
-def blocks(
-    campaign: Campaign, kind: BlockKind, count: int = BLOCKS, left_out: Indices | Sequence[int] = ()
-) -> dict[str, Indices]:
+def blocks(campaign: Campaign, kind: BlockKind, left_out: Indices | Sequence[int] = ()) -> dict[str, Indices]:
     """Return whole blocks of rows, ascending, by name: every usable row that is not left out is in exactly one.
 
     Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
-    sessions, up to ``count`` stretches of equal length in order of time (of rows where no time is known), or as many
-    regions (neighbours in drive space; repeats of a pose stay together). Raises BadInputError if the kind is unknown or
-    the count below 2.
+    sessions, up to :data:`BLOCKS` stretches of equal length in order of time (of rows where no time is known), or as
+    many regions (neighbours in drive space; repeats of a pose stay together). Raises BadInputError if the kind is
+    unknown.
     """
-    if count < 2:
-        raise BadInputError(f"a split needs at least 2 blocks, not {count}")
     rows = np.setdiff1d(np.flatnonzero(campaign.usable), left_out)
     if kind == "session":
         own = np.array(campaign.sessions)[rows]
@@ -146,7 +142,7 @@ def blocks(
     if rows.size == 0:
         return {}
     word, parts = ("stretch", _stretches) if kind == "time" else ("region", _regions)
-    found = parts(rows, campaign, count)
+    found = parts(rows, campaign)
     return {f"{word} {i} of {len(found)}": np.sort(part) for i, part in enumerate(found, start=1)}
 
 
@@ -168,20 +164,20 @@ def _frame_columns(campaign: Campaign) -> FloatArray:
     return np.concatenate([base.reshape(*columns.shape[:2], -1), columns[:, :, FRAMES // 2 :]], axis=2)
 
 
-def _stretches(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
+def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
     """Return stretches of nearly equal row count in order of time; where a time is missing, in order of rows."""
     time = campaign.time_s
     if time is not None and not np.isnan(time[rows]).any():
         rows = rows[np.argsort(time[rows], kind="stable")]
-    return np.array_split(rows, min(count, rows.size))
+    return np.array_split(rows, min(BLOCKS, rows.size))
 
 
-def _regions(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
+def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
     spread = campaign.drives[rows].std(axis=0)
     scaled = campaign.drives / np.where(spread > 0.0, spread, 1.0)
     whole, divisible = list[Indices](), [rows]
-    while divisible and len(whole) + len(divisible) < count:
+    while divisible and len(whole) + len(divisible) < BLOCKS:
         block = divisible.pop(int(np.argmax([part.size for part in divisible])))
         halves = _halve(block, scaled)
         if halves is None:
@@ -193,14 +189,12 @@ def _regions(rows: Indices, campaign: Campaign, count: int) -> list[Indices]:
 
 def _halve(rows: Indices, scaled: FloatArray) -> tuple[Indices, Indices] | None:
     """Split at the median of the widest drive; equal values stay together. None: all rows are the same pose."""
-    for axis in np.argsort(-np.ptp(scaled[rows], axis=0), kind="stable"):
-        values = scaled[rows, axis]
-        # Repeats of a pose are commanded alike up to the file's last digit.
-        steps = np.unique(np.round(values, 6))
-        if steps.size < 2:
-            return None
-        cuts = 0.5 * (steps[1:] + steps[:-1])
-        below = np.array([(values < cut).sum() for cut in cuts])
-        cut = cuts[int(np.argmin(np.abs(below - 0.5 * rows.size)))]
-        return rows[values < cut], rows[values >= cut]
-    return None
+    values = scaled[rows, np.argmax(np.ptp(scaled[rows], axis=0))]
+    # Repeats of a pose are commanded alike up to the file's last digit.
+    steps = np.unique(np.round(values, 6))
+    if steps.size < 2:
+        return None
+    cuts = 0.5 * (steps[1:] + steps[:-1])
+    below = np.searchsorted(np.sort(values), cuts)
+    cut = cuts[int(np.argmin(np.abs(below - 0.5 * rows.size)))]
+    return rows[values < cut], rows[values >= cut]

@@ -65,17 +65,15 @@ def test_blocks_are_whole(real):
         assert len(found) == count
         together = np.concatenate(list(found.values()))
         assert sorted(together.tolist()) == list(range(len(campaign)))
-    assert [rows.size for rows in blocks(campaign, "time", 4).values()] == [20, 20, 20, 20]
+    assert [rows.size for rows in blocks(campaign, "time").values()] == [16] * 5
     with pytest.raises(BadInputError):
         blocks(campaign, "colour")
-    with pytest.raises(BadInputError):
-        blocks(campaign, "time", 1)
 
 
 def test_repeats_of_a_pose_stay_in_one_region(real):
     campaign = real.campaign
     twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
-    for rows in blocks(twice, "region", 6).values():
+    for rows in blocks(twice, "region").values():
         assert {int(row) % 40 for row in rows} == {int(row) for row in rows if row < 40}
 
 

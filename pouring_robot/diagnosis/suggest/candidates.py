@@ -32,6 +32,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 
 SESSION = "next"
@@ -82,7 +83,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
         plan = random_plan(robot, count, seed)
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
-        poses = tuple(pose.to_se3() for pose in plan.platform_poses)
+        poses = tuple(pose.to_se3() for pose in plan.poses if isinstance(pose, PlatformPose))
         return poses, plan.drives, robot.layout.ladle.payload.value, travels
     drives, start = _between(campaign, model, count, seed)
     given = campaign.conditions
