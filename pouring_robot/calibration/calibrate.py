@@ -122,7 +122,7 @@ def calibrate(
 
     def fitted(groups: Sequence[ParameterGroup], *, curvature: bool = True) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
-        chosen = rows.with_model(everything.with_parameters(all_parameters(groups)))
+        chosen = rows.with_parameters(all_parameters(groups))
         train, seen = chosen[parts.train], measured[parts.train]
         prior = prior_std(chosen.model, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))

@@ -114,15 +114,14 @@ class _CrossValidation:
         most = min(options.max_evaluations, _ROUGH_EVALUATIONS)
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
-        frames_only = rows.with_model(rows.model.with_parameters(()))
+        frames_only = rows.with_parameters(())
         self._folds = [[part[evenly(part.size, _MOST_ROWS)] for part in fold] for fold in split.validations]
         self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in self._folds]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
-        model = self.rows.model.with_parameters(all_parameters(groups))
-        rows, measured = self.rows.with_model(model), self.measured
-        prior = prior_std(model, self.tolerances, framed=measured.framed)
+        rows, measured = self.rows.with_parameters(all_parameters(groups)), self.measured
+        prior = prior_std(rows.model, self.tolerances, framed=measured.framed)
         scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
             start = Unknowns.zero(frames.frames, prior.size - FRAMES)

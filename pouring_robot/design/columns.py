@@ -58,14 +58,11 @@ class Columns:
     """Rows of the Jacobian for poses and conditions. The outer frame's axes are taken as the fixed platform's."""
 
     def __init__(self, robot: Robot, parameters: Sequence[PlannedParameter]) -> None:
-        """Build the measurement model with the drives, which carry the columns of the conditions, at its end."""
         nominal = robot.nominal_solver.mechanism
         self.robot, self.parameters = robot, tuple(parameters)
         self.local = [p.local for p in parameters if p.kind == "local"]
         self.drives = robot.parameters.drives
-        # The drives may be among the parameters already; under names of their own they can stand twice.
         self._model = MeasurementModel(robot.model, self.local)
-        self._drive_model = self._model.with_parameters(self.drives)
         self._lip_m = np.array(nominal.T_end_tool.translation)
         self._ladle_at, self._tare_kg = np.zeros(3), 0.0
         if isinstance(robot, PouringRobot):
@@ -105,7 +102,8 @@ class Columns:
         still, centre = pin.SE3.Identity(), self._ladle_at
         at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
         seen = modelled.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.local)))
-        driven = modelled.with_model(self._drive_model)
+        # The drives may be among the parameters already, where none may stand twice.
+        driven = modelled.with_parameters(self.drives)
         drives = driven.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.drives)))
         lifted = driven.linearise(Unknowns.zero(OuterFrames(still, pin.SE3(np.eye(3), centre)), len(self.drives)))
         closed = seen.closed & drives.closed & lifted.closed

@@ -153,7 +153,7 @@ class CampaignRows:
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
-        self._drives = campaign.drives + self.measurement.drive_errors(None)
+        self._drives = campaign.drives + model.offset_of_each_drive()
         own = list(dict.fromkeys(p.session for p in session_parameters(campaign)))
         self._session = np.array([own.index(name) if name in own else -1 for name in campaign.sessions], dtype=np.intp)
         first = first_frames(modelled, self.measured).frames

@@ -187,13 +187,9 @@ class MeasurementModel:
         """Return the displacement of every site for parameter values (P,): shape (sites, 6), in m and rad."""
         return np.asarray(self._twists @ values[: len(self.parameters)])
 
-    def drive_errors(self, values: FloatArray | None) -> FloatArray:
-        """Return what is added to the commanded drives for parameter values (P,): shape (drives,), in m and rad.
-
-        None: what the present robot itself adds.
-        """
-        own = self.model.offset_of_each_drive()
-        return own if values is None else np.asarray(self._drives @ values[: len(self.parameters)] + own)
+    def drive_errors(self, values: FloatArray) -> FloatArray:
+        """Return what is added to the commanded drives for parameter values (P,): shape (drives,), in m and rad."""
+        return np.asarray(self._drives @ values[: len(self.parameters)] + self.model.offset_of_each_drive())
 
     def amended(self, values: FloatArray) -> RobotModel:
         """Return the present robot with parameter values (P,), in m and rad, added.
@@ -204,7 +200,7 @@ class MeasurementModel:
         structure = self.engine.structure
         errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
         placements = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in errors if error.any()}
-        added = (self.drive_errors(values) - self.drive_errors(None)).tolist()
+        added = (self.drive_errors(values) - self.model.offset_of_each_drive()).tolist()
         drives = {name: own for name, own in zip(structure.mechanism.loops.drives, added, strict=True) if own}
         amended = self.model.displaced(placements, drives)
         try:
@@ -253,7 +249,7 @@ class MeasurementModel:
         jacobian[transfer.status != 0] = np.nan
         gap = transfer.disagreement
         if gap is not None:  # the frames have no part in it
-            gap = np.concatenate([np.zeros((*gap.shape[:2], FRAMES)), gap], axis=2)
+            gap = np.pad(gap, ((0, 0), (0, 0), (FRAMES, 0)))
         return replace(prediction, jacobian=jacobian, disagreement=gap, status=transfer.status)
 
 
@@ -280,14 +276,15 @@ class ModelledRows:
         """Return the same rows with what is changed in each, to first order in the turns at one joint."""
         return replace(self, drives=self.drives + changes.drives, changes=changes)
 
-    def with_model(self, model: MeasurementModel) -> ModelledRows:
-        """Return the same rows for another measurement model of the same robot."""
-        return replace(self, model=model)
+    def with_parameters(self, parameters: Sequence[GeometricParameter]) -> ModelledRows:
+        """Return the same rows of the same robot with another choice of parameters."""
+        return replace(self, model=self.model.with_parameters(parameters))
 
     def present(self) -> BatchClosure:
         """Close the loops of the present robot, without errors by parameters."""
         placed = self.changes.placements if self.changes else None
-        return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start, placed)
+        drives = self.drives + self.model.model.offset_of_each_drive()
+        return self.model.engine.close(drives, self.start, placed)
 
     def by_drawing(self) -> tuple[Engine, BatchClosure]:
         """Close the loops of the drawing, which has no errors; return its engine, too."""
@@ -333,17 +330,15 @@ class ModelledRows:
         parameters = self.model.moved_parameters(errors)
         base = self._base(unknowns)
         found = self.model.differentiated(prediction, unknowns.frames, parameters, self._placed(errors), base)
-        if base is not None and found.jacobian is not None:
-            jacobian = self._by_session(found.jacobian, unknowns, prediction, base)
-            gap = found.disagreement
+        jacobian, gap = found.derivatives, found.disagreement
+        if base is not None:
+            jacobian = self._by_session(jacobian, unknowns, prediction, base)
             if gap is not None:
-                gap = np.concatenate([gap, np.zeros((*gap.shape[:2], len(self.model.sessions)))], axis=2)
-            found = replace(found, jacobian=jacobian, disagreement=gap)
-        if found.jacobian is not None:
-            if self.changes:
-                found.jacobian[:, :3] *= 1.0 + self.changes.scale[:, None, None]
-            found.jacobian[:, :, :FRAMES] = found.jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
-        return found
+                gap = np.pad(gap, ((0, 0), (0, 0), (0, len(self.model.sessions))))
+        if self.changes:
+            jacobian[:, :3] *= 1.0 + self.changes.scale[:, None, None]
+        jacobian[:, :, :FRAMES] = jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
+        return replace(found, jacobian=jacobian, disagreement=gap)
 
     def _by_session(
         self, jacobian: FloatArray, unknowns: Unknowns, prediction: Prediction, base: FloatArray
