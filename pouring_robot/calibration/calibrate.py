@@ -120,15 +120,15 @@ def calibrate(
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
     full = MeasuredPoses.from_campaign(campaign, noise)
 
-    def fitted(groups: Sequence[ParameterGroup], *, curvature: bool = True) -> tuple[ModelledRows, Fit, FloatArray]:
+    def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_parameters(all_parameters(groups))
         train, seen = chosen[parts.train], measured[parts.train]
         prior = prior_std(chosen.model, tolerances, framed=measured.framed)
-        fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))
+        fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
-    _, _, before = fitted((), curvature=options.fit.curvature)
+    _, _, before = fitted(())
     progress("fitting", 0, 0)
     chosen, fit, after = fitted(selection.groups)
     progress("judging", 0, 0)

@@ -100,11 +100,11 @@ def selection_table(calibration: CalibrationFindings) -> Table:
     return Table(("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", ""), rows)
 
 
-def performance_lines(calibration: CalibrationFindings) -> list[str]:
+def performance_line(calibration: CalibrationFindings) -> str:
     """Return accuracy and repeatability in words."""
     found = calibration.performance
     if found is None:
-        return ["ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"]
+        return "ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"
     line = (
         f"after ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
         f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
@@ -112,7 +112,7 @@ def performance_lines(calibration: CalibrationFindings) -> list[str]:
     if math.isfinite(found.rp_mrad):
         line += f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after"
         line += f", repeatability {found.rp_mrad:.3f} mrad"
-    return [line]
+    return line
 
 
 def ladle_line(calibration: CalibrationFindings) -> str:
@@ -122,7 +122,7 @@ def ladle_line(calibration: CalibrationFindings) -> str:
         return "the workspace box holds no pose the robot can take"
     _, point = calibration.present.definition.tool_words
     # Closures need no device, and have no frames.
-    device = any(calibration.noise[kind].source != "none" for kind in ("position", "rotation", "distance"))
+    device = any(kind != "closure" for kind in calibration.noise.measured)
     # What the frames and the robot share is known of their sum only: the point goes with the target, as nobody saw it.
     axes = "seen by the device, and fixed to the target, " if device else ""
     if device and not calibration.ladle.located:
@@ -179,7 +179,8 @@ def html_report(calibration: CalibrationFindings) -> str:
         Paragraph(f"{calibration.campaign.path}: {split_line(calibration)}"),
         Heading("Error before and after"),
         gap_table(calibration),
-        *(Paragraph(line) for line in (*performance_lines(calibration), ladle_line(calibration))),
+        Paragraph(performance_line(calibration)),
+        Paragraph(ladle_line(calibration)),
         Heading("What moved"),
         *moved,
         Heading("What to measure next"),

@@ -78,8 +78,8 @@ def _print(found: Calibration) -> None:
         options.say(f"warning: {line}", style="yellow")
     options.say(report.split_line(found))
     print_blocks([report.gap_table(found)])
-    for line in (*report.performance_lines(found), report.ladle_line(found)):
-        options.say(line)
+    options.say(report.performance_line(found))
+    options.say(report.ladle_line(found))
     combinations = report.combination_table(found, report.WIDTH)
     if combinations.rows:
         first = replace(combinations, rows=combinations.rows[: report.SHOWN])

@@ -301,7 +301,7 @@ class NoiseLevel:
     @property
     def length_kind(self) -> Kind:
         """What counts as length: positions, or what was measured in their stead."""
-        return next((kind for kind in LENGTHS if self[kind].source != "none"), "position")
+        return next((kind for kind in LENGTHS if kind in self.measured), "position")
 
     @property
     def length_m(self) -> float:
@@ -312,19 +312,16 @@ class NoiseLevel:
         """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
         found: dict[str, float | str | None] = {}
         for kind in KINDS:
-            unit, si = unit_of(kind)
-            source = self[kind].source
-            if source != "none" or kind in ("position", "rotation"):
-                found |= {
-                    f"{kind}_{unit}": self[kind].sigma / si if source != "none" else None,
-                    f"{kind}_source": source,
-                }
+            (unit, si), seen = unit_of(kind), kind in self.measured
+            if seen or kind in ("position", "rotation"):
+                found[f"{kind}_{unit}"] = self[kind].sigma / si if seen else None
+                found[f"{kind}_source"] = self[kind].source
         return found
 
     @property
     def turned(self) -> bool:
         """Whether rotations were measured."""
-        return self["rotation"].source != "none"
+        return "rotation" in self.measured
 
     @property
     def sigma(self) -> FloatArray:

@@ -45,13 +45,6 @@ class MeasuredPoses(PoseStack):
     sigma_rotation_rad: float  # standard deviation of a rotation component about the tracker's axes, in rad
     others: tuple[Instrument, ...] = ()  # distances; where drives are redundant, closures behind them
 
-    def __post_init__(self) -> None:
-        n = len(self.position_m)
-        if self.position_m.shape != (n, 3) or self.rotation.shape != (n, 3, 3):
-            given = f"{self.position_m.shape} and {self.rotation.shape}"
-            raise BadInputError(f"measured poses need position (n, 3) and rotation (n, 3, 3), not {given}")
-        _ = self.instruments
-
     @functools.cached_property
     def instruments(self) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
         """All of them, in the order of their components."""

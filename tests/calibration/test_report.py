@@ -16,7 +16,7 @@ from pouring_robot.calibration.report import (
     html_report,
     ladle_line,
     parameter_table,
-    performance_lines,
+    performance_line,
 )
 
 
@@ -59,12 +59,12 @@ def test_before_after_and_floor_in_mm_and_mrad(found):
 
 
 def test_accuracy_and_repeatability(found, unchanged):
-    (line,) = performance_lines(found)
+    line = performance_line(found)
     assert "4 poses, 6 or more repeats" in line
     before, after, repeatability = (float(x) for x in re.findall(r"([0-9.]+) mm", line)[:3])
     assert before > 3.0 * after
     assert 0.0 < repeatability < 1.0
-    assert "not known" in performance_lines(unchanged)[0]
+    assert "not known" in performance_line(unchanged)
 
 
 def test_tables_fit_their_headings(found):

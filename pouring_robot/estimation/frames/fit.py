@@ -143,7 +143,7 @@ class _Untold:
     def zeroed(self, frames: OuterFrames) -> OuterFrames:
         """Return the frames with the target's place at zero along the untold shifts that turn nothing."""
         _, turned, shares = np.linalg.svd(np.concatenate([self.tool[3:], self.answer[3:]]))
-        shares = shares[np.flatnonzero(np.r_[turned, np.zeros(len(shares) - turned.size)] < _TURNS)].T
+        shares = shares[turned < _TURNS].T
         shifts = self.tool[:3] @ shares
         along = shifts.T @ self.axes.inner
         back = shares @ along / -self.axes.length
