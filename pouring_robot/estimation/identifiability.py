@@ -60,8 +60,6 @@ class BaseParameters:
 
     names: tuple[str, ...]  # of its columns
     rank: int  # number of combinations that are determined
-    null_space: FloatArray  # orthonormal basis of what nothing shows, in scaled columns, shape (K, K - rank)
-    scale: FloatArray  # lengths of the columns; 1 for columns that are zero; shape (K,)
     singular: FloatArray  # singular values of the columns scaled to unit length, shape (K,)
     base: tuple[str, ...]  # names of the columns kept by pivoting; the others depend on them
     groups: tuple[DependentGroup, ...]  # unknowns tied together
@@ -89,7 +87,7 @@ def base_parameters(
     scale = np.where(seen, lengths, 1.0)
     # QR first: from here on m no longer counts. Columns that are zero stay zero exactly.
     compact = np.asarray(np.linalg.qr(np.where(seen, matrix / scale, 0.0), mode="r"), dtype=np.float64)
-    _, singular, right = np.linalg.svd(compact, full_matrices=True)
+    _, singular, _ = np.linalg.svd(compact)
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
     # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
@@ -101,8 +99,7 @@ def base_parameters(
     if rank:
         shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
     base, unseen = (tuple(names[k] for k in columns) for columns in (np.sort(kept), np.flatnonzero(~seen)))
-    groups = _groups(names, kept, dependent, shares, scale)
-    return BaseParameters(names, rank, np.asarray(right[rank:].T), scale, singular, base, groups, unseen)
+    return BaseParameters(names, rank, singular, base, _groups(names, kept, dependent, shares, scale), unseen)
 
 
 def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict[str, float]]:

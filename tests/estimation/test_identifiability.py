@@ -11,9 +11,12 @@ from pouring_robot.exceptions import BadInputError
 from tests.estimation.virtual import TRUE_FRAMES, Virtual, model_of, reference_regressor
 
 
-def physical_null_space(base):
+def physical_null_space(matrix, base):
     """Return the directions that nothing shows in the unknowns' own units, orthonormal, (K, K - rank)."""
-    return np.linalg.qr(base.null_space / base.scale[:, None])[0]
+    matrix = np.where(np.isin(base.names, base.unseen), 0.0, matrix)
+    lengths = np.linalg.norm(matrix, axis=0)
+    scale = np.where(lengths > 0.0, lengths, 1.0)
+    return np.linalg.qr(np.linalg.svd(matrix / scale)[2][base.rank :].T / scale[:, None])[0]
 
 
 def test_a_matrix_with_known_dependencies():
@@ -27,8 +30,8 @@ def test_a_matrix_with_known_dependencies():
     assert [set(group.members) for group in found.groups] == [{"u", "v"}, {"w", "x", "y"}]
     assert found.groups[0].combinations == ({"u": pytest.approx(1.0), "v": pytest.approx(2.0)},)
     assert found.groups[0].texts() == ("u + 2 v",)
-    assert np.abs(matrix @ physical_null_space(found)).max() < 1e-12
-    assert physical_null_space(found).shape == (7, 3)
+    assert np.abs(matrix @ physical_null_space(matrix, found)).max() < 1e-12
+    assert physical_null_space(matrix, found).shape == (7, 3)
     # What the groups say is all there is: the identifiable combinations determine every prediction.
     values = random.normal(size=7)
     shares = np.zeros((3, 7))
@@ -69,11 +72,11 @@ def test_groups_are_the_null_space_of_an_independent_regressor(drawing, wanted):
     ours, theirs = (base_parameters(matrix, model.names, tolerance=1e-7) for matrix in (analytic, independent))
     assert ours.rank == theirs.rank < len(model.names)
     assert ours.unseen == theirs.unseen
-    overlap = np.linalg.svd(physical_null_space(ours).T @ physical_null_space(theirs), compute_uv=False)
-    np.testing.assert_allclose(overlap, 1.0, atol=1e-9)
-    assert np.abs(independent @ physical_null_space(ours)).max() < 2e-8
-    hidden = sum(group.hidden for group in ours.groups) + len(ours.unseen)
-    assert hidden == len(model.names) - ours.rank
+    hidden, also = physical_null_space(analytic, ours), physical_null_space(independent, theirs)
+    np.testing.assert_allclose(np.linalg.svd(hidden.T @ also, compute_uv=False), 1.0, atol=1e-9)
+    assert np.abs(independent @ hidden).max() < 2e-8
+    count = sum(group.hidden for group in ours.groups) + len(ours.unseen)
+    assert count == len(model.names) - ours.rank
 
 
 @pytest.mark.parametrize("wanted", ["geometry", "all", "dh"])
@@ -92,8 +95,9 @@ def test_moving_along_a_hidden_direction_changes_nothing_and_along_a_base_it_doe
     virtual = Virtual(drawing, model, 60)
     zero = Unknowns.zero(TRUE_FRAMES, len(model.parameters))
     seen = virtual.rows.linearise(zero)
-    found = base_parameters(regressor(seen, np.ones(6)), model.names, lead=model.names[:FRAMES])
-    null_space = physical_null_space(found)
+    matrix = regressor(seen, np.ones(6))
+    found = base_parameters(matrix, model.names, lead=model.names[:FRAMES])
+    null_space = physical_null_space(matrix, found)
     assert null_space.shape[1] == len(model.names) - found.rank > 10
     for direction in null_space.T[::7]:
         moved = virtual.rows.predict(zero.at(1e-5 * direction))
