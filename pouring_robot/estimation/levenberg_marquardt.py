@@ -121,8 +121,7 @@ class Search:
 
     def _take(self, unknowns: Unknowns, prediction: Prediction) -> None:
         self.unknowns = unknowns
-        self.prediction = self.rows.differentiate(unknowns, prediction)
-        self.equations = whiten(self.measured, self.prediction)
+        self.equations = whiten(self.measured, self.rows.differentiate(unknowns, prediction))
         self.widened = scatter(self.equations)
         self.cost = self._cost(unknowns, self.equations)
         _, self.weights = robust_terms(self.equations, self.loss, self.widened)
@@ -186,9 +185,9 @@ class Search:
         for k, axis in enumerate(axes.T):
             nudge = _NUDGE / float(np.abs(axis).max())
             aside = self.unknowns.at(self.unknowns.values + nudge * self.prior_std * axis)
-            jacobian = whiten(self.measured, self.rows.linearise(aside)).jacobian
+            jacobian = whiten(self.measured, self.rows.linearise(aside)).derivatives
             self.second_evaluations += 1
-            if jacobian is not None and jacobian.shape == self.scaled.shape:
+            if jacobian.shape == self.scaled.shape:
                 change[:, k] = (jacobian * self.prior_std - self.scaled).T @ pull / nudge
         block = axes.T @ change
         curvature, turn = np.linalg.eigh(np.diag(firmness) + 0.5 * (block + block.T))

@@ -157,10 +157,8 @@ class Fit:
     prior_std: FloatArray  # shape (12 + P,), in m and rad
     equations: WhitenedEquations  # whitened residuals and Jacobian at the answer
     weights: FloatArray  # of each equation by the robust loss, shape (m,)
-    prediction: Prediction  # of all rows at the answer
     evaluations: int  # how many times all rows were predicted in the search
     second_evaluations: int  # how many times they were to measure second derivatives
-    cost: float  # the minimum
     failed: Indices  # rows that were measured but do not close; they took no part
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
@@ -225,10 +223,8 @@ def identify(
         prior_std,
         search.equations,
         search.weights,
-        search.prediction,
         search.evaluations,
         search.second_evaluations,
-        search.cost,
         search.failed,
         last_step,
         last_step < options.step_tolerance,
