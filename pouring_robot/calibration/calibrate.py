@@ -165,7 +165,6 @@ def calibrate(
         untold=untold,
         fit=fit,
         inflation=inflation,
-        unknown_names=chosen.model.names,
         unknown_units=chosen.model.units,
         before=before,
         after=after,

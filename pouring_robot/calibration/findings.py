@@ -51,8 +51,7 @@ class CalibrationFindings(Result):
     untold: tuple[str, ...]  # effects of the model that nobody learned as some rows stood, taken as none there; a line
     fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
     inflation: float  # factor on all standard deviations where the residuals are larger than the noise; 1 where not
-    unknown_names: tuple[str, ...]  # name of each unknown, frames first; ``unknown_units`` its unit
-    unknown_units: tuple[str, ...]
+    unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, 6),
     # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
     before: FloatArray

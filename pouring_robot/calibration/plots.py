@@ -75,7 +75,7 @@ def _parameters(calibration: CalibrationFindings) -> str:
 
 def _correlation(calibration: CalibrationFindings) -> str:
     matrix = calibration.correlation[FRAMES:, FRAMES:]
-    names = calibration.unknown_names[FRAMES:]
+    names = calibration.base.names[FRAMES:]
     figure = new_figure(8.0, 7.2)
     axes = figure.subplots()
     image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)

@@ -186,7 +186,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         ],
         "base_parameters": _base(calibration),
         "correlation": {
-            "names": list(calibration.unknown_names[FRAMES:]),
+            "names": list(calibration.base.names[FRAMES:]),
             "matrix": np.round(calibration.correlation[FRAMES:, FRAMES:], 6).tolist(),
         },
         "ladle": _ladle(calibration),

@@ -40,7 +40,7 @@ def test_the_gap_closes_to_the_noise(found):
     assert found.changed
     assert found.noise["position"].source == "repeats"
     assert found.calibrated.joint_placements
-    assert found.std.shape == (len(found.unknown_names),) == (len(found.unknown_units),)
+    assert found.std.shape == (len(found.base.names),) == (len(found.unknown_units),)
     np.testing.assert_allclose(np.diagonal(found.correlation), 1.0)
 
 
@@ -65,7 +65,7 @@ def test_effects_of_the_model_are_applied_and_not_fitted_again():
     wrong = damaged(campaign, position_m=lambda p: p.__setitem__(5, p[5] + 2e-2))
     found = calibrate(wrong, taught, CalibrationOptions(parameters=("drives",)))
     assert found.calibrated.effects == taught.effects
-    off = found.unknown_names.index("drive.leg1_s3")
+    off = found.base.names.index("drive.leg1_s3")
     assert abs(found.fit.unknowns.values[off] - 1e-3) < 3.0 * found.std[off]
     assert found.inflation == 1.0
     assert found.misfit(found.split.test, after=True).rms_mm < 1.3 * SIGMA_M * 1e3

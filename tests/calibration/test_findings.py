@@ -9,7 +9,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 
 def test_parameters_come_in_the_units_of_the_shop_floor(found):
     lines = parameter_lines(found)
-    assert [line.name for line in lines] == list(found.unknown_names[FRAMES:])
+    assert [line.name for line in lines] == list(found.base.names[FRAMES:])
     for k, line in enumerate(lines, start=FRAMES):
         assert line.unit == ("mm" if found.unknown_units[k] == "m" else "mrad")
         assert line.value == pytest.approx(1e3 * found.fit.unknowns.values[k])
