@@ -4,13 +4,21 @@ Which drives, travels and thermometers there are says the robot. Inside, values 
 temperatures in °C, as the names of the fields say.
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
 from pouring_robot.io.quantities import Quantity, QuantityTable
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description import robot_file
 from pouring_robot.robot.description.definition import RobotDefinition
 
 POSITION, ROTATION = robot_file.POSITION, robot_file.ROTATION
 DISTANCE, DISTANCE_FROM = robot_file.DISTANCE
 MEASURED, AMBIENT = robot_file.MEASURED, robot_file.AMBIENT
+_STANDS, _LEAST_STEP = 1e-4, 1e-6
+"""Share of a drive's range in a campaign, and m or rad, below which a difference is jitter: the drive stood still."""
 
 
 def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
@@ -74,3 +82,44 @@ def sessions_of(table: QuantityTable) -> tuple[str, ...]:
         problem = "the session is missing; name one in every row, or leave the column out"
         raise table.fault(problem, sessions.index(""), "session")
     return sessions
+
+
+def from_the_row_before(
+    drives: FloatArray, time_s: FloatArray | None = None, sessions: Sequence[str] | None = None
+) -> FloatArray:
+    """Return +1 where a drive rose to its value from the one before it in time, -1 where it fell, (n, drives).
+
+    One that stood still is where it was left. NaN where nobody knows where it came from: in the first row, also of a
+    session, and after a row without its value. Without all times (n,) the rows are in the order they were measured.
+    """
+    order: Indices = np.arange(len(drives))
+    if time_s is not None and np.isfinite(time_s).all():
+        order = np.argsort(time_s, kind="stable")
+    spread = np.nanmax(drives, axis=0, initial=-np.inf) - np.nanmin(drives, axis=0, initial=np.inf)
+    still, sides = np.maximum(_STANDS * spread, _LEAST_STEP), np.full(drives.shape, np.nan)
+    stood = side = np.full(drives.shape[1], np.nan)
+    for number, row in enumerate(order):
+        if sessions is not None and number and sessions[row] != sessions[order[number - 1]]:
+            stood = side = np.full(drives.shape[1], np.nan)
+        step = drives[row] - stood  # from where it last came to a stop, so that creeping adds up
+        moved = ~(np.abs(step) <= still)
+        side = np.where(moved, np.sign(step), side)
+        stood = np.where(moved, drives[row], stood)
+        sides[row] = side
+    return sides
+
+
+def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
+    """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
+
+    Of drives and positions absent ones become NaN; of the others, what is absent or empty is left out.
+    """
+    known = {name: values for name, values in quantities.items() if np.isfinite(values).any()}
+    absent = np.full(next(iter(quantities.values())).size, np.nan)
+    arrays: dict[str, Any] = {
+        array: np.stack([quantities.get(name, absent) for name in names], axis=-1)
+        for array, names in array_names(robot).items()
+        if array == "position_m" or not known.keys().isdisjoint(names)
+    }
+    conditions = {name: known[name] for name in condition_names(robot) if name in known}
+    return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

@@ -38,9 +38,6 @@ from pouring_robot.robot.robot import AnyRobot, definition_of
 if TYPE_CHECKING:
     import pandas
 
-_STANDS, _LEAST_STEP = 1e-4, 1e-6
-"""Share of a drive's range in a campaign, and m or rad, below which a difference is jitter: the drive stood still."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign(Result):
@@ -194,10 +191,10 @@ class Campaign(Result):
 
     @classmethod
     def _of_table(cls, table: QuantityTable, robot: RobotDefinition, metadata: CampaignMetadata) -> Campaign:
-        arrays = arrays_from(table.numbers, robot)
+        arrays = columns.arrays_from(table.numbers, robot)
         if metadata.approach == FROM_THE_ROW_BEFORE:
             time = arrays["conditions"].get("time")
-            came = from_the_row_before(arrays["drives"], time, columns.sessions_of(table))
+            came = columns.from_the_row_before(arrays["drives"], time, columns.sessions_of(table))
             stated = arrays.get("approach", np.full(came.shape, np.nan))
             arrays["approach"] = np.where(np.isfinite(stated), stated, came)
         found = cls(
@@ -437,43 +434,3 @@ def _texts(values: Any) -> tuple[str, ...]:
 
 def _checked(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     return read_only(numbers(values, shape, f"'{name}' of the campaign must be numbers of the shape {shape}"))
-
-
-def from_the_row_before(
-    drives: FloatArray, time_s: FloatArray | None = None, sessions: Sequence[str] | None = None
-) -> FloatArray:
-    """Return +1 where a drive rose to its value from the one before it in time, -1 where it fell, (n, drives).
-
-    One that stood still is where it was left. NaN where nobody knows where it came from: in the first row, also of a
-    session, and after a row without its value. Without all times (n,) the rows are in the order they were measured.
-    """
-    timed = time_s is not None and np.isfinite(time_s).all()
-    order = np.argsort(time_s, kind="stable") if timed and time_s is not None else np.arange(len(drives))
-    spread = np.nanmax(drives, axis=0, initial=-np.inf) - np.nanmin(drives, axis=0, initial=np.inf)
-    still, sides = np.maximum(_STANDS * spread, _LEAST_STEP), np.full(drives.shape, np.nan)
-    stood = side = np.full(drives.shape[1], np.nan)
-    for number, row in enumerate(order):
-        if sessions is not None and number and sessions[row] != sessions[order[number - 1]]:
-            stood = side = np.full(drives.shape[1], np.nan)
-        step = drives[row] - stood  # from where it last came to a stop, so that creeping adds up
-        moved = ~(np.abs(step) <= still)
-        side = np.where(moved, np.sign(step), side)
-        stood = np.where(moved, drives[row], stood)
-        sides[row] = side
-    return sides
-
-
-def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
-    """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
-
-    Of drives and positions absent ones become NaN; of the others, what is absent or empty is left out.
-    """
-    known = {name: values for name, values in quantities.items() if np.isfinite(values).any()}
-    absent = np.full(next(iter(quantities.values())).size, np.nan)
-    arrays: dict[str, Any] = {
-        array: np.stack([quantities.get(name, absent) for name in names], axis=-1)
-        for array, names in columns.array_names(robot).items()
-        if array == "position_m" or not known.keys().isdisjoint(names)
-    }
-    conditions = {name: known[name] for name in columns.condition_names(robot) if name in known}
-    return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

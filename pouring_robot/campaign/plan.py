@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import from_the_row_before
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
@@ -124,7 +123,7 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:
     """Return the side that each drive comes from, (n,) by the column's name: by the row before; the first rose."""
-    sides = from_the_row_before(drives)
+    sides = columns.from_the_row_before(drives)
     sides[np.isnan(sides)] = 1.0
     return dict(zip(columns.approach_names(robot), sides.T, strict=True))
 

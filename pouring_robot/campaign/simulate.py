@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.campaign.columns import POSITION, ROTATION
-from pouring_robot.campaign.data import Campaign, arrays_from
+from pouring_robot.campaign.columns import POSITION, ROTATION, arrays_from
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError

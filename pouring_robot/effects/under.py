@@ -21,8 +21,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch import engine_for
-from pouring_robot.campaign.columns import approach_names, condition_headings
-from pouring_robot.campaign.data import Campaign, arrays_from
+from pouring_robot.campaign.columns import approach_names, arrays_from, condition_headings
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation

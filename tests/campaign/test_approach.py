@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.data import Campaign, from_the_row_before
+from pouring_robot.campaign.columns import from_the_row_before
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.exceptions import CampaignFileError
 from tests.campaign.simulated import write_text
