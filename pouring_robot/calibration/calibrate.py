@@ -25,8 +25,8 @@ from pouring_robot.estimation.map_fit import (
     FitOptions,
     campaign_and_model,
     first_frames,
-    fit_with_noise,
     identify,
+    noise_left_over,
     seen_from_one_place,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
@@ -113,7 +113,7 @@ def calibrate(
         progress("estimating the noise from residuals", 0, 0)
         train, seen = rows[parts.train], measured[parts.train]
         prior = prior_std(rows.model, tolerances, framed=measured.framed)
-        noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
+        noise = noise_left_over(train, seen, first_frames(train, seen), prior, noise, options.fit)
         measured = measured.with_noise(noise)
     selection = Selection(candidates, ())
     if options.choose:

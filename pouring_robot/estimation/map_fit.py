@@ -34,6 +34,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
+_NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
 
 
 def campaign_and_model(
@@ -231,26 +232,23 @@ def identify(
     )
 
 
-def fit_with_noise(
+def noise_left_over(
     rows: ModelledRows,
     measured: MeasuredPoses,
     start: Unknowns,
     prior_std: FloatArray,
     noise: NoiseLevel,
     options: FitOptions | None = None,
-) -> tuple[Fit, NoiseLevel]:
-    """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
+) -> NoiseLevel:
+    """Return the noise, what is unknown of it taken from what a fit with it leaves over, until both agree within 1 %.
 
     The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n. Raises as
     :func:`identify`.
     """
-    fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
-    evaluations = fit.evaluations
-    for _ in range(12 if noise.from_residuals else 0):
-        factors = {kind: fit.scatter(kind) for kind in noise.open_kinds}
-        noise, assumed = noise.times(factors), noise
-        if noise.apart(assumed) < 0.01:
+    for _ in range(_NOISE_ROUNDS):
+        fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
+        noise, assumed = noise.times({kind: fit.scatter(kind) for kind in noise.open_kinds}), noise
+        if noise.apart(assumed) < _NOISE_SETTLED:
             break
-        fit = identify(rows, measured.with_noise(noise), fit.unknowns, prior_std, options)
-        evaluations += fit.evaluations
-    return replace(fit, evaluations=evaluations), noise
+        start = fit.unknowns
+    return noise

@@ -1,6 +1,6 @@
 """The noise of a campaign: as stated, or from repeats of a pose.
 
-Where it is neither, a fit says what it leaves over: ``estimation.map_fit.fit_with_noise`` when a robot is calibrated,
+Where it is neither, a fit says what it leaves over: ``estimation.map_fit.noise_left_over`` when a robot is calibrated,
 ``diagnosis.diagnose`` after each search.
 """
 
