@@ -89,7 +89,7 @@ def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
 
 def test_the_hall_sees_truss_and_robot_together(drawing, state):
     field, heated = DisplacementField.of(state), HeatedRobot(drawing, HeatSection())
-    motion = TrussMotion.under_heat(drawing.dimensions, heated.truss(state), heated.properties)
+    motion = TrussMotion.under_heat(drawing.dimensions, heated.truss(state), heated.network.properties)
     seen = field.on(motion)
     of_robot = np.array(seen.parts) != "truss"
     origin = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])

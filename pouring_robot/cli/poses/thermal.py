@@ -84,7 +84,7 @@ class Moved:
             sag = truss_sag_m(drawing, melt, parts)
         state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.dimensions, sag)
         if warm := carried.truss(state):
-            motion += TrussMotion.under_heat(drawing.dimensions, warm, heated.properties)
+            motion += TrussMotion.under_heat(drawing.dimensions, warm, heated.network.properties)
         return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)
 
 

@@ -34,7 +34,6 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
@@ -171,13 +170,8 @@ class HeatedRobot:
 
     @functools.cached_property
     def network(self) -> ThermalNetwork:
-        """The robot's thermal network."""
-        return self._given_network or ThermalNetwork(self.robot, self.properties)
-
-    @functools.cached_property
-    def properties(self) -> ThermalProperties:
-        """Materials and surfaces, those of the model file in place."""
-        return (self.heat or HeatSection()).thermal_properties()
+        """The robot's thermal network, of materials and surfaces with those of the model file in place."""
+        return self._given_network or ThermalNetwork(self.robot, (self.heat or HeatSection()).thermal_properties())
 
     @property
     def temperatures_degC(self) -> tuple[float, float]:  # noqa: N802 - the unit keeps its capital

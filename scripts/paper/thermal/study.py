@@ -217,7 +217,7 @@ def _box(network: ThermalNetwork, random: np.random.Generator, count: int, tilt_
         hot = DisplacementField.of(state, LADLE_STEEL_DEGC, ladle_from_o=True)
         truss = heated.truss(state)
         assert truss is not None  # it is warm
-        hall = own.on(TrussMotion.under_heat(robot.dimensions, truss, heated.properties))
+        hall = own.on(TrussMotion.under_heat(robot.dimensions, truss, heated.network.properties))
         of_parts = own.mean_m, own.largest_m, hung.largest_m, hot.mean_m, hot.largest_m, hall.largest_m
         found.append(BoxPose(o, *of_parts))
     return found
