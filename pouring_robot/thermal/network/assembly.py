@@ -125,8 +125,7 @@ class ThermalNetwork:
         upper, lower = ((centres.reshape(4, 3) - origin) @ rotation for centres in (upper, lower))
         bodies, properties = self.bodies, self.properties
         exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self.bodies.in_the_way)
-        nodes, moving = bodies.nodes, bodies.moving
-        matrix = self._laplacian.copy()
+        nodes, matrix = bodies.nodes, self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
         for i in range(len(LEGS)):
             rod, housing = np.split(nodes.legs[i], [bodies.grid.moving])
@@ -134,14 +133,9 @@ class ThermalNetwork:
             matrix[np.ix_(housing, rod)] -= contact[i].T
             matrix[rod, rod] += contact[i].sum(axis=1)
             matrix[housing, housing] += contact[i].sum(axis=0)
-        area, view = np.zeros(nodes.count), np.zeros(nodes.count)
+        area, view = bodies.area_m2.copy(), bodies.view_area_m2.copy()
         area[nodes.legs], view[nodes.legs] = exposure.area_m2, exposure.area_m2 * exposure.view_factor
-        area[nodes.moving_platform], view[nodes.moving_platform] = moving.bare_area_m2, moving.bare_view_area_m2
-        area[nodes.cladding] = moving.clad_area_m2[nodes.clad_cells]
-        view[nodes.cladding] = moving.clad_view_area_m2[nodes.clad_cells]
-        area[nodes.fixed_platform] = bodies.fixed.face_area_m2.sum(axis=1)
         view[nodes.fixed_platform] = self._view_area(bodies.fixed, rotation, origin)
-        area[nodes.shell] = bodies.ladle.outer_area_m2
         melt_contact = np.zeros(nodes.count)
         melt_contact[nodes.lining[0]] = self._melt_contact
         emissivity = np.full(nodes.count, properties.steel.emissivity.value)

@@ -57,29 +57,6 @@ class NodeMap:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingPlatform:
-    """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant."""
-
-    cells: BarCells  # in the moving platform's frame, P of them
-    clad_area_m2: FloatArray  # area that sees the melt and is clad, shape (P,); zero for bare bars
-    clad_view_area_m2: FloatArray  # the same times its view factor
-    bare_area_m2: FloatArray  # the remaining area
-    bare_view_area_m2: FloatArray  # the same times its view factor
-
-    @classmethod
-    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> Self:
-        """Look at the melt from every face of the cells; ``in_the_way`` stands in the disc's frame."""
-        normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
-        points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
-        disc = DiscChords.of(ladle.melt_radius_m, count=128)
-        faces, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
-        factors = hidden_view_factors(faces, faces[:, 0], facing, disc, in_the_way).reshape(cells.count, 6)
-        covered = (factors > 0.0) & clad
-        area, view = cells.face_area_m2, cells.face_area_m2 * factors
-        return cls(cells, *(np.sum(a * share, axis=1) for share in (covered, ~covered) for a in (area, view)))
-
-
-@dataclass(frozen=True, eq=False)
 class Bodies:
     """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties.
 
@@ -88,24 +65,41 @@ class Bodies:
 
     nodes: NodeMap
     grid: LegGrid
-    moving: MovingPlatform
+    moving: BarCells  # in the moving platform's frame, P of them
     fixed: BarCells
     ladle: LadleSections
     in_the_way: Boxes  # the moving platform's bars in the disc's frame
+    area_m2: FloatArray  # surface that meets air, of all nodes but the legs', whose changes with the pose, shape (n,)
+    # the same times its view factor, of the moving platform, which goes with the ladle; zero for what goes by itself
+    view_area_m2: FloatArray
     entry: LayoutEntry
     properties: ThermalProperties
 
     @classmethod
     def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
-        """Cut them; ``bars``: cells of each bar."""
+        """Cut them, ``bars``: cells of each bar; and look at the melt from every face of the moving platform's."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
         boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]
         moving, fixed = (BarCells.cut(part, bars) for part in boxes)
         whole = merged(boxes[0])
         in_the_way = Boxes(whole.lower_m - ladle.melt_centre_m, whole.upper_m - ladle.melt_centre_m)
-        seeing = MovingPlatform.of(moving, in_the_way, ladle, clad=clad)
-        nodes = NodeMap.of(grid, moving.count, np.flatnonzero(seeing.clad_area_m2 > 0.0), fixed.count)
-        return cls(nodes, grid, seeing, fixed, ladle, in_the_way, entry, properties)
+        normals = np.broadcast_to(FACE_NORMALS, (moving.count, 6, 3))
+        points = moving.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
+        disc = DiscChords.of(ladle.melt_radius_m, count=128)
+        faces, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
+        factors = hidden_view_factors(faces, faces[:, 0], facing, disc, in_the_way).reshape(moving.count, 6)
+        covered = (factors > 0.0) & clad  # faces that see the melt, unless the bars are bare
+        clad_cells = np.flatnonzero(np.sum(moving.face_area_m2 * covered, axis=1) > 0.0)
+        nodes = NodeMap.of(grid, moving.count, clad_cells, fixed.count)
+        surfaces = []
+        for seen in (moving.face_area_m2, moving.face_area_m2 * factors):
+            surface = np.zeros(nodes.count)
+            surface[nodes.moving_platform] = np.sum(seen * ~covered, axis=1)
+            surface[nodes.cladding] = np.sum(seen * covered, axis=1)[clad_cells]
+            surfaces.append(surface)
+        area, view = surfaces
+        area[nodes.fixed_platform], area[nodes.shell] = fixed.face_area_m2.sum(axis=1), ladle.outer_area_m2
+        return cls(nodes, grid, moving, fixed, ladle, in_the_way, area, view, entry, properties)
 
     @property
     def lining_m(self) -> float:
@@ -140,7 +134,7 @@ class Bodies:
         for i in range(len(LEGS)):
             rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
             links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
-            foot = moving.cells.nearest(entry.moving_centres.metres[i] - drop)
+            foot = moving.nearest(entry.moving_centres.metres[i] - drop)
             # The joint sits at the rod's end, half an element away from the node.
             lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
             links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
@@ -148,13 +142,13 @@ class Bodies:
                 bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
                 for head, share in zip(housing, upper_shares, strict=True):
                     links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
-        for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
+        for cells, numbers in ((moving, nodes.moving_platform), (fixed, nodes.fixed_platform)):
             links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
         for surface, cell in zip(nodes.cladding, nodes.clad_cells, strict=True):
-            across = insulation * float(moving.clad_area_m2[cell]) / self.cladding_m
+            across = insulation * float(self.area_m2[surface]) / self.cladding_m
             links.append((int(surface), int(nodes.moving_platform[cell]), across))
         trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
-        hangers = [int(nodes.moving_platform[moving.cells.nearest(point)]) for point in ladle.trunnions_m]
+        hangers = [int(nodes.moving_platform[moving.nearest(point)]) for point in ladle.trunnions_m]
         links += [(nodes.shell, hanger, trunnion) for hanger in hangers]
         layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / self.lining_m
         links += chain_links(nodes.lining, layer)
@@ -168,10 +162,10 @@ class Bodies:
         insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
         capacity = np.zeros(nodes.count)
         capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
-        capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
+        capacity[nodes.moving_platform] = steel * moving.volume_m3
         capacity[nodes.fixed_platform] = steel * self.fixed.volume_m3
         # Half of the cladding goes with its surface, half with the bar.
-        half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * self.cladding_m
+        half = 0.5 * insulation * self.area_m2[nodes.cladding] * self.cladding_m
         capacity[nodes.cladding] = half
         capacity[nodes.moving_platform[nodes.clad_cells]] += half
         capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * self.lining_m / LINING_LAYERS
@@ -233,7 +227,7 @@ class TemperatureField:
     @property
     def platform_degC(self) -> float:
         """Mean of the moving platform's steel, by volume."""
-        return float(np.average(self.platform_elements_degC, weights=self.bodies.moving.cells.volume_m3))
+        return float(np.average(self.platform_elements_degC, weights=self.bodies.moving.volume_m3))
 
     @property
     def platform_elements_degC(self) -> FloatArray:
