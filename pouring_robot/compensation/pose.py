@@ -125,12 +125,12 @@ def commands_csv(found: Iterable[Compensation]) -> str:
 class _Search:
     """Newton's way to one pose; counts its steps over all turns of temperature.
 
-    ``target``: where the drawing has the frame, in the fixed platform; ``start``: configuration near which to begin;
-    ``drives``: values found last, in m and rad.
+    ``target_m``: where the frame's origin is wanted in the fixed platform, (3,); ``start``: configuration near which to
+    begin; ``drives``: values found last, in m and rad.
     """
 
     wanted: PlatformPose
-    target: pin.SE3
+    target_m: FloatArray
     start: FloatArray
     frame: str
     drives: dict[str, float]
@@ -161,7 +161,7 @@ class _Search:
         """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
         place = result.pose(result.mechanism.loops.base_frame, self.frame).translation
         tilt = PlatformPose.from_se3(result.pose_base_to_end).tilt_rad - self.wanted.tilt_rad
-        return np.array([*(place - self.target.translation), tilt])
+        return np.array([*(place - self.target_m), tilt])
 
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
         """Return the step of the drives that cancels what is left, (4,); SingularPoseError if none does."""
@@ -224,14 +224,12 @@ def compensate(
         return heated.settle(wanted, lambda warm: [warm.actual_solver.solve(warm.actual_drives(drives), start)])
 
     try:
-        search = _Search(wanted, nominal(frame), start, frame, dict(commanded))
+        search = _Search(wanted, nominal(frame).translation, start, frame, dict(commanded))
         if heat_moves_m is None:
             state = heated.settle(wanted, search.close)
         else:
-            there = search.target
-            search.target = pin.SE3(there.rotation, there.translation - heat_moves_m)
+            search.target_m = search.target_m - heat_moves_m
             HeatedRobot(heated.robot).settle(wanted, search.close)
-            search.target = there
             state = held(search.drives)
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
