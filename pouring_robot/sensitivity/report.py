@@ -24,7 +24,9 @@ Range = tuple[float, float]
 Box = tuple[Range | None, Range | None, Range | None, Range | None]
 _SHOWN_IN = (("x", MM, "mm"), ("y", MM, "mm"), ("z", MM, "mm"), ("tilt", math.radians(1.0), "deg"))
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
-_ALIKE_M = 1e-9
+_NOTHING_MM, _NOTHING_RAD = 1e-3, 1e-5
+"""Below it an error counts as without influence."""
+_ALIKE_MM = 1e-6
 """Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
 
 
@@ -42,8 +44,6 @@ class Request:
     parameters: tuple[str, ...] = ()
     frame: str | None = None  # whose displacement counts; by default the end frame
     limit_m: float = MM  # errors that pass it in a coordinate are those to control
-    nothing_m: float = 1e-3 * MM  # below it an error counts as without influence
-    nothing_rad: float = 1e-5
 
     def __post_init__(self) -> None:
         if self.poses < 2 or self.seed < 0:
@@ -61,38 +61,6 @@ def ranges(box: Box) -> list[str]:
     return [f"{name} from {low / one:g} to {high / one:g} {unit}" for (low, high), name, one, unit in given]
 
 
-@dataclass(frozen=True)
-class ErrorRow:
-    """One error in one model; lengths in m, angles in rad."""
-
-    parameter: Parameter
-    model: str  # ``closed chain`` or ``open branch``
-    largest_m: tuple[float, ...]  # largest absolute coordinate, x y z
-    distance_m: float  # largest displacement
-    angle_rad: float  # largest turn
-    main: str  # coordinate with the largest mean: X, Y or Z; ``none``
-    shape: str  # ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses
-    class_mm: int | None  # power of ten of the largest displacement in mm; None where it counts as nothing
-    figures: dict[str, Any]  # everything, with units in the names
-
-
-def _power(exponent: int | None) -> str:
-    return "none" if exponent is None else f"1e{exponent}"
-
-
-@dataclass(frozen=True)
-class Control:
-    """Errors of one part that pass the limit in the closed robot: what to hold tightly when it is made.
-
-    Names are the strongest first; ``directions`` are the main ones, ``largest_m`` the largest coordinate reached.
-    """
-
-    part: str
-    errors: tuple[str, ...]
-    directions: str
-    largest_m: float
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityReport(Result):
     """What each error does alone."""
@@ -108,26 +76,39 @@ class SensitivityReport(Result):
     dh: tuple[DHParameter, ...] = ()
 
     @functools.cached_property
-    def rows(self) -> tuple[ErrorRow, ...]:
-        """A row an error and model, model by model."""
-        return tuple(self._row(samples, k) for samples in self.samples for k in range(len(self.parameters)))
+    def rows(self) -> list[dict[str, Any]]:
+        """A row an error and model, model by model, with units in the names.
 
-    def of_model(self, kind: str) -> tuple[ErrorRow, ...]:
-        """Return the rows of one model, the strongest error first."""
-        return tuple(sorted((r for r in self.rows if r.model == kind), key=lambda row: _strongest(row.distance_m)))
+        ``main_direction`` is the coordinate with the largest mean, X, Y, Z or none; ``spread``, and quantiles
+        ``main_p…``, say how that spreads over the poses.
+        """
+        return [self._row(samples, k) for samples in self.samples for k in range(len(self.parameters))]
+
+    def of_model(self, kind: str) -> list[dict[str, Any]]:
+        """Return the rows of one model, ``closed chain`` or ``open branch``, the strongest error first."""
+        return sorted((row for row in self.rows if row["model"] == kind), key=_strongest)
 
     @functools.cached_property
-    def controls(self) -> tuple[Control, ...]:
-        """Parts whose errors pass the limit in a coordinate of the closed robot, the strongest first."""
-        parts: dict[str, list[ErrorRow]] = {}
+    def controls(self) -> list[dict[str, Any]]:
+        """What to hold tightly when it is made: parts whose errors pass the limit in a coordinate of the closed robot.
+
+        The strongest part and the strongest of its errors first; ``directions`` are the main ones, ``largest_mm`` is
+        the largest coordinate reached.
+        """
+        parts: dict[str, list[dict[str, Any]]] = {}
         for row in self.of_model(self.samples[0].kind):
-            if max(row.largest_m) > self.request.limit_m:
-                parts.setdefault(row.parameter.part, []).append(row)
-        found = []
-        for part, rows in parts.items():
-            names, directions = tuple(row.parameter.name for row in rows), sorted({row.main for row in rows})
-            found.append(Control(part, names, "".join(directions), max(max(row.largest_m) for row in rows)))
-        return tuple(sorted(found, key=lambda control: _strongest(control.largest_m)))
+            if _largest_mm(row) > self.request.limit_m / MM:
+                parts.setdefault(row["part"], []).append(row)
+        found = [
+            {
+                "part": part,
+                "errors": [row["parameter"] for row in rows],
+                "directions": "".join(sorted({row["main_direction"] for row in rows})),
+                "largest_mm": max(map(_largest_mm, rows)),
+            }
+            for part, rows in parts.items()
+        ]
+        return sorted(found, key=_strongest)
 
     @property
     def poses(self) -> int:
@@ -138,16 +119,16 @@ class SensitivityReport(Result):
     def headline(self) -> str:
         """How many errors pass the limit, and which is the strongest."""
         first = self.of_model(self.samples[0].kind)[0]
-        over = sum(len(control.errors) for control in self.controls)
+        over = sum(len(control["errors"]) for control in self.controls)
         return (
             f"{self.robot}, {self.poses} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
-            f"than {self.request.limit_m / MM:g} mm; {first.parameter.name} most, {first.distance_m / MM:.3f} mm in "
-            f"{first.main}"
+            f"than {self.request.limit_m / MM:g} mm; {first['parameter']} most, {first['largest_mm']:.3f} mm in "
+            f"{first['main_direction']}"
         )
 
     def _table(self) -> Any:
         """One row an error and model."""
-        return [row.figures for row in self.rows]
+        return self.rows
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON; mm and mrad."""
@@ -157,12 +138,9 @@ class SensitivityReport(Result):
             "poses": self.poses,
             "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
             "limit_mm": self.request.limit_m / MM,
-            "control": [
-                {"part": c.part, "errors": c.errors, "directions": c.directions, "largest_mm": c.largest_m / MM}
-                for c in self.controls
-            ],
+            "control": self.controls,
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": self._table(),
+            "parameters": self.rows,
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:
@@ -179,24 +157,31 @@ class SensitivityReport(Result):
             )
         return rows
 
-    def _row(self, samples: ErrorSamples[Parameter], k: int) -> ErrorRow:
+    def _row(self, samples: ErrorSamples[Parameter], k: int) -> dict[str, Any]:
         parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_axis(k)
         along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
-        distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
+        distance_mm, angle = float(samples.distance_m[k].max()) / MM, float(samples.angle_rad[k].max())
         mean, largest = samples.mean_m[k].tolist(), samples.peak_m[k].tolist()
         error, unit = (
             (self.request.length_m / MM, "mm") if parameter.unit == "m" else (self.request.angle_rad / MRAD, "mrad")
         )
-        shape, class_mm = _shape(along), _order(distance / MM, self.request.nothing_m / MM)
-        figures: dict[str, Any] = {"parameter": parameter.name, "part": parameter.part, "model": samples.kind}
-        figures |= {"error": error, "unit": unit}
-        figures |= {f"mean_{axis}_mm": value / MM for axis, value in zip("xyz", mean, strict=True)}
-        figures |= {f"largest_{axis}_mm": value / MM for axis, value in zip("xyz", largest, strict=True)}
-        figures |= {"largest_mm": distance / MM, "largest_mrad": angle / MRAD, "main_direction": main}
-        figures |= {f"main_p{q}_mm": float(np.quantile(along, q / 100.0)) / MM for q in (5, 50, 95)}
-        figures |= {"one_sign": bool(abs(np.sign(along).sum()) == len(along)), "spread": shape}
-        figures |= {"class_mm": _power(class_mm), "class_rad": _power(_order(angle, self.request.nothing_rad))}
-        return ErrorRow(parameter, samples.kind, tuple(largest), distance, angle, main, shape, class_mm, figures)
+        return {
+            "parameter": parameter.name,
+            "part": parameter.part,
+            "model": samples.kind,
+            "error": error,
+            "unit": unit,
+            **{f"mean_{axis}_mm": value / MM for axis, value in zip("xyz", mean, strict=True)},
+            **{f"largest_{axis}_mm": value / MM for axis, value in zip("xyz", largest, strict=True)},
+            "largest_mm": distance_mm,
+            "largest_mrad": angle / MRAD,
+            "main_direction": main,
+            **{f"main_p{q}_mm": float(np.quantile(along, q / 100.0)) / MM for q in (5, 50, 95)},
+            "one_sign": bool(abs(np.sign(along).sum()) == len(along)),
+            "spread": _shape(along),
+            "class_mm": _class(distance_mm, _NOTHING_MM),
+            "class_rad": _class(angle, _NOTHING_RAD),
+        }
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
@@ -207,14 +192,14 @@ class SensitivityReport(Result):
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.samples import box_plots, distributions
 
-        rows = self._table()
         files: dict[Path, str | bytes] = {
-            folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),
+            folder / "sensitivity.csv": csv_text(self.rows[0], (row.values() for row in self.rows)),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",
         }
         plots: list[Plot] = []
         for samples in self.samples:
-            strongest = samples.subset([row.parameter for row in self.of_model(samples.kind)[:_DRAWN]])
+            names = [row["parameter"] for row in self.of_model(samples.kind)[:_DRAWN]]
+            strongest = samples.subset([parameter for parameter in self.parameters if parameter.name in names])
             title = f"{self.robot}, {samples.kind}: the {len(strongest.labels)} strongest errors, {self.poses} poses"
             drawn = {
                 "sizes": box_plots(strongest, title, self.request.limit_m),
@@ -241,13 +226,19 @@ class SensitivityReport(Result):
         return list(write_together(files))
 
 
-def _strongest(size_m: float) -> int:
-    return -round(size_m / _ALIKE_M)
+def _strongest(row: dict[str, Any]) -> int:
+    return -round(float(row["largest_mm"]) / _ALIKE_MM)
 
 
-def _order(value: float, nothing: float) -> int | None:
+def _largest_mm(row: dict[str, Any]) -> float:
+    """Return the largest coordinate."""
+    return max(float(row[f"largest_{axis}_mm"]) for axis in "xyz")
+
+
+def _class(value: float, nothing: float) -> str:
+    """Return the power of ten of a value."""
     # A value on a power of ten must not fall below it by round-off.
-    return None if value < nothing else math.floor(math.log10(value) + 1e-9)
+    return "none" if value < nothing else f"1e{math.floor(math.log10(value) + 1e-9)}"
 
 
 def _shape(along: FloatArray) -> str:
@@ -271,19 +262,19 @@ def missed_line(found: SensitivityReport) -> str:
 def control_lines(found: SensitivityReport) -> list[str]:
     """Return what to hold tightly, a line a part."""
     return [
-        f"control {control.part}: {' '.join(control.errors)} (main direction {control.directions}, up to "
-        f"{control.largest_m / MM:.3f} mm)"
+        f"control {control['part']}: {' '.join(control['errors'])} (main direction {control['directions']}, up to "
+        f"{control['largest_mm']:.3f} mm)"
         for control in found.controls
     ]
 
 
 def errors_table(found: SensitivityReport) -> Table:
     """Return the errors of the closed robot, the strongest first, with the open branch beside them if there is one."""
-    opened = {row.parameter.name: row for row in found.of_model("open branch")}
+    opened = {row["parameter"]: row for row in found.of_model("open branch")}
     rows = []
     for row in found.of_model("closed chain"):
-        beside = _cells(opened[row.parameter.name]) if opened else []
-        rows.append([row.parameter.name, row.parameter.part, *_cells(row), row.shape, *beside])
+        beside = _cells(opened[row["parameter"]]) if opened else []
+        rows.append([row["parameter"], row["part"], *_cells(row), row["spread"], *beside])
     head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
     return Table(head + (["open mm", "class", "mrad", "main"] if opened else []), rows)
 
@@ -295,5 +286,5 @@ def dh_table(found: SensitivityReport) -> Table:
     return Table([name.replace("_", " ") for name in rows[0]], cells)
 
 
-def _cells(row: ErrorRow) -> list[str]:
-    return [f"{row.distance_m / MM:.3f}", _power(row.class_mm), f"{row.angle_rad / MRAD:.2f}", row.main]
+def _cells(row: dict[str, Any]) -> list[str]:
+    return [f"{row['largest_mm']:.3f}", row["class_mm"], f"{row['largest_mrad']:.2f}", row["main_direction"]]
