@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pouring_robot.thermal.network.view_factors import (
-    Boxes,
-    DiscChords,
-    element_to_disc,
-    hidden_view_factors,
-    visible_share,
-)
+from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 RADIUS = 0.3
 DOWN = np.array([0.0, 0.0, -1.0])
 NO_BOXES = Boxes(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def element_to_disc(points, normals, boxes=NO_BOXES, chords=24):
+    """View factors (...) of elements at points (..., 3)."""
+    points, normals = np.broadcast_arrays(points, normals)
+    facets, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
+    found = hidden_view_factors(facets, facets[:, 0], facing, DiscChords.of(RADIUS, chords), boxes)
+    return found.reshape(points.shape[:-1])
 
 
 def howell_parallel(offset, height):
@@ -68,7 +70,7 @@ def by_monte_carlo(point, normal, count, seed, boxes=NO_BOXES):
 
 @pytest.mark.parametrize("height", [0.01, 0.1, 0.3, 1.0, 5.0])
 def test_element_on_the_axis(height):
-    assert element_to_disc(np.array([0, 0, height]), DOWN, RADIUS) == pytest.approx(
+    assert element_to_disc(np.array([0, 0, height]), DOWN) == pytest.approx(
         RADIUS**2 / (RADIUS**2 + height**2), rel=1e-12
     )
 
@@ -76,14 +78,14 @@ def test_element_on_the_axis(height):
 @pytest.mark.parametrize("height", [0.02, 0.2, 0.9])
 @pytest.mark.parametrize("offset", [1e-3, 0.1, 0.2999, 0.31, 0.6, 2.0])
 def test_parallel_element_at_any_offset(offset, height):
-    found = element_to_disc(np.array([0.6 * offset, -0.8 * offset, height]), DOWN, RADIUS)
+    found = element_to_disc(np.array([0.6 * offset, -0.8 * offset, height]), DOWN)
     assert found == pytest.approx(howell_parallel(offset, height), rel=1e-8)
 
 
 @pytest.mark.parametrize("height", [0.02, 0.2, 0.9])
 @pytest.mark.parametrize("offset", [0.3001, 0.31, 0.6, 2.0])
 def test_perpendicular_element_beside_the_disc(offset, height):
-    found = element_to_disc(np.array([0.0, offset, height]), np.array([0.0, -1.0, 0.0]), RADIUS)
+    found = element_to_disc(np.array([0.0, offset, height]), np.array([0.0, -1.0, 0.0]))
     assert found == pytest.approx(howell_perpendicular(offset, height), rel=1e-8)
 
 
@@ -93,7 +95,7 @@ def test_any_place_and_tilt_against_quadrature():
         point = random.uniform([-0.6, -0.6, 0.05], [0.6, 0.6, 0.8])
         normal = random.normal(size=3)
         normal /= np.linalg.norm(normal)
-        assert element_to_disc(point, normal, RADIUS) == pytest.approx(by_quadrature(point, normal), abs=3e-6)
+        assert element_to_disc(point, normal) == pytest.approx(by_quadrature(point, normal), abs=3e-6)
 
 
 def test_any_place_and_tilt_against_monte_carlo():
@@ -105,26 +107,24 @@ def test_any_place_and_tilt_against_monte_carlo():
         ]
     ):
         normal = np.array(direction) / np.linalg.norm(direction)
-        found = element_to_disc(np.array(point), normal, RADIUS)
+        found = element_to_disc(np.array(point), normal)
         assert found == pytest.approx(by_monte_carlo(np.array(point), normal, 2_000_000, seed), abs=1e-3)
 
 
 def test_coaxial_parallel_discs():
     """The published factor between two coaxial discs (Howell C-41) from elements over the smaller one."""
     small, height = 0.2, 0.25
-    mean, _ = quad(
-        lambda r: float(element_to_disc(np.array([r, 0.0, height]), DOWN, RADIUS)) * 2 * r / small**2, 0, small
-    )
+    mean, _ = quad(lambda r: float(element_to_disc(np.array([r, 0.0, height]), DOWN)) * 2 * r / small**2, 0, small)
     r1, r2 = small / height, RADIUS / height
     x = 1 + (1 + r2**2) / r1**2
     assert mean == pytest.approx(0.5 * (x - np.sqrt(x**2 - 4 * (r2 / r1) ** 2)), rel=1e-9)
 
 
 def test_nothing_behind_the_disc_or_turned_away():
-    assert element_to_disc(np.array([0.5, 0.0, -0.1]), np.array([-1.0, 0.0, 0.0]), RADIUS) == 0.0
-    assert element_to_disc(np.array([0.1, 0.0, 0.2]), -DOWN, RADIUS) == 0.0
-    assert element_to_disc(np.array([0.5, 0.0, 0.2]), np.array([1.0, 0.0, 0.0]), RADIUS) == 0.0
-    assert element_to_disc(np.array([0.0, 0.0, 0.0]), -DOWN, RADIUS) == 0.0
+    assert element_to_disc(np.array([0.5, 0.0, -0.1]), np.array([-1.0, 0.0, 0.0])) == 0.0
+    assert element_to_disc(np.array([0.1, 0.0, 0.2]), -DOWN) == 0.0
+    assert element_to_disc(np.array([0.5, 0.0, 0.2]), np.array([1.0, 0.0, 0.0])) == 0.0
+    assert element_to_disc(np.array([0.0, 0.0, 0.0]), -DOWN) == 0.0
 
 
 def test_around_a_point_the_factors_make_up_the_solid_angle():
@@ -136,7 +136,7 @@ def test_around_a_point_the_factors_make_up_the_solid_angle():
     normals = np.stack(
         [sine[:, None] * np.cos(angles), sine[:, None] * np.sin(angles), np.repeat(nodes[:, None], 120, 1)], axis=-1
     )
-    mean = (element_to_disc(point, normals, RADIUS).mean(axis=1) * weights).sum() / 2
+    mean = (element_to_disc(point, normals).mean(axis=1) * weights).sum() / 2
     r, a = np.meshgrid(RADIUS * np.sqrt((np.arange(400) + 0.5) / 400), 2 * np.pi * np.arange(400) / 400)
     ray = np.stack([r * np.cos(a), r * np.sin(a), 0 * r], axis=-1) - point
     solid_angle = (point[2] / np.linalg.norm(ray, axis=-1) ** 3).mean() * np.pi * RADIUS**2
@@ -158,16 +158,14 @@ def test_a_bar_hides_its_shadow():
 
     whole = quad(seen, -RADIUS, RADIUS)[0]
     dark = quad(seen, max(-0.2 - half, -RADIUS), -0.2 + half)[0]
-    assert whole == pytest.approx(float(element_to_disc(point, DOWN, RADIUS)), rel=1e-7)
-    found = visible_share(point[None], DOWN[None, None], DiscChords.of(RADIUS, 400), BAR)[0, 0]
-    assert found == pytest.approx(1.0 - dark / whole, abs=1e-5)
+    assert whole == pytest.approx(float(element_to_disc(point, DOWN)), rel=1e-7)
+    assert element_to_disc(point, DOWN, BAR, 400) / whole == pytest.approx(1.0 - dark / whole, abs=1e-5)
 
 
 def test_a_shadow_moves_without_jumps():
     """Steps of 5 µm past the bar: what is hidden changes by less than a thousandth of what 10 mm change."""
     points = np.array([-0.2, 0.1, 0.3]) + np.linspace(0.0, 0.01, 2001)[:, None] * [1.0, 0.3, 0.0]
-    normals = np.broadcast_to(DOWN, (2001, 1, 3))
-    share = visible_share(points, normals, DiscChords.of(RADIUS), BAR)[:, 0]
+    share = element_to_disc(points, DOWN, BAR) / element_to_disc(points, DOWN)
     assert np.abs(np.diff(share)).max() < 2e-3 * np.ptp(share) and np.ptp(share) > 0.01
 
 
@@ -175,10 +173,8 @@ def test_a_shadow_moves_without_jumps():
 def test_hidden_factors_against_monte_carlo(point):
     point = np.array(point)
     normal = -point / np.linalg.norm(point)
-    found = hidden_view_factors(point[None, None], point[None], normal[None, None], DiscChords.of(RADIUS, 100), BAR)[
-        0, 0
-    ]
-    free = float(element_to_disc(point, normal, RADIUS))
+    found = element_to_disc(point, normal, BAR, 100)
+    free = float(element_to_disc(point, normal))
     counted = by_monte_carlo(point, normal, 2_000_000, 5, BAR)
     assert counted < 0.97 * free
     assert found == pytest.approx(counted, abs=1e-3)
@@ -187,15 +183,8 @@ def test_hidden_factors_against_monte_carlo(point):
 def test_the_default_chords_are_good_to_a_thousandth_of_the_unhidden_factor():
     random = np.random.default_rng(2)
     points = random.uniform([-0.5, -0.5, 0.15], [0.5, 0.5, 0.8], size=(40, 3))
-    normals = (-points / np.linalg.norm(points, axis=1, keepdims=True))[:, None]
-    discs = DiscChords.of(RADIUS), DiscChords.of(RADIUS, 2000)
-    coarse, fine = (hidden_view_factors(points[:, None], points, normals, disc, BAR) for disc in discs)
-    free = element_to_disc(points[:, None], normals, RADIUS)
+    normals = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    coarse, fine = element_to_disc(points, normals, BAR), element_to_disc(points, normals, BAR, 2000)
+    free = element_to_disc(points, normals)
     assert np.abs(coarse - fine).max() < 1e-3 * free.max()
     assert (np.abs(coarse - fine) / free).mean() < 1e-3
-
-
-def test_no_boxes_hide_nothing():
-    point, normal = np.array([[0.1, 0.2, 0.3]]), DOWN[None, None]
-    found = hidden_view_factors(point[:, None], point, normal, DiscChords.of(RADIUS), NO_BOXES)
-    assert found[0, 0] == element_to_disc(point[0], DOWN, RADIUS)

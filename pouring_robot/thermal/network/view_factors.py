@@ -25,27 +25,16 @@ from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.structure import IntArray
 from pouring_robot.mechanism.arrays import FloatArray
 
-
-def element_to_disc(points_m: FloatArray, normals: FloatArray, radius_m: float) -> FloatArray:
-    """Return the view factor from plane elements to a disc with nothing in between.
-
-    Points and unit normals of the radiating sides are of shape (..., 3) and are broadcast; the factors, shape (...),
-    are zero behind the disc (z <= 0) and for elements turned away.
-    """
-    points, turned = np.broadcast_arrays(np.asarray(points_m, dtype=float), np.asarray(normals, dtype=float))
-    factors = np.empty(points.shape[:-1])
-    points, turned = (np.ascontiguousarray(array).reshape(-1, 3) for array in (points, turned))
-    unhidden_factors(points, turned, radius_m, factors.reshape(-1))
-    return factors
+_WAY_X, _WAY_Y = math.cos(0.4), math.sin(0.4)
+"""Direction of the chords of a disc: along neither axis, so that no edge of a bar runs along one."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiscChords:
-    """Parallel chords that stand for a disc; along neither axis, so that no edge of a bar runs along one."""
+    """Parallel chords that stand for a disc."""
 
     radius_m: float  # of the disc
     chords_m: FloatArray  # how far from the middle, half the length and the weight of each, shape (C, 3), in m
-    way: tuple[float, float]  # direction of the chords in x and y
 
     @classmethod
     def of(cls, radius_m: float, count: int = 24) -> Self:
@@ -53,7 +42,7 @@ class DiscChords:
         angles = np.pi * np.arange(1, count + 1) / (count + 1)
         sines = np.sin(angles)
         parts = np.cos(angles), sines, np.pi / (count + 1) * sines
-        return cls(radius_m, radius_m * np.stack(parts, axis=-1), (np.cos(0.4), np.sin(0.4)))
+        return cls(radius_m, radius_m * np.stack(parts, axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,32 +53,22 @@ class Boxes:
     upper_m: FloatArray
 
 
-def visible_share(points_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes: Boxes) -> FloatArray:
-    """Return which share of its unhidden view factor an element keeps behind boxes.
-
-    Multiplied by :func:`element_to_disc`, the share carries the error of the chords only where something is hidden.
-    Lines of sight start at the elements, shape (N, 3); each has M normals, shape (N, M, 3), and as many shares.
-    """
-    share, chords, count, facets = np.empty(normals.shape[:2]), len(disc.chords_m), len(boxes.lower_m), normals.shape[1]
-    bounds, pieces, facing, totals = (np.empty(n) for n in ((2, 5, 2), (chords, count, 2), (facets, 2), (2, facets)))
-    room = bounds, pieces, np.empty(chords, dtype=np.int64), np.empty(count, dtype=np.int64), facing, totals
-    points, normals = np.ascontiguousarray(points_m), np.ascontiguousarray(normals)
-    visible_shares(points, normals, disc.radius_m, disc.chords_m, disc.way, boxes.lower_m, boxes.upper_m, room, share)
-    return share
-
-
 def hidden_view_factors(
     facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes: Boxes
 ) -> FloatArray:
-    """Return view factors of elements, boxes in between; facets and their normals: shape (N, M, 3), factors (N, M).
+    """Return view factors of elements' facets, boxes in between, shape (N, M).
 
-    The line of sight that serves all facets of an element starts in its middle, shape (N, 3): thin or far elements need
-    no more.
+    Facets and their unit normals are (N, M, 3); behind the disc (z <= 0) and turned away they see nothing. The line of
+    sight that serves all facets of an element starts in its middle, shape (N, 3): thin or far elements need no more.
+    The error of the chords is only where something is hidden.
     """
-    factors = element_to_disc(facets_m, normals, disc.radius_m)
-    seen = factors.any(axis=1)
-    if seen.any():
-        factors[seen] *= visible_share(middles_m[seen], normals[seen], disc, boxes)
+    chords, count, facets = len(disc.chords_m), len(boxes.lower_m), normals.shape[1]
+    bounds, pieces, facing, totals = (np.empty(n) for n in ((2, 5, 2), (chords, count, 2), (facets, 2), (2, facets)))
+    room = bounds, pieces, np.empty(chords, dtype=np.int64), np.empty(count, dtype=np.int64), facing, totals
+    factors = np.empty(normals.shape[:2])
+    facets_m, middles_m, normals = (np.ascontiguousarray(array) for array in (facets_m, middles_m, normals))
+    sides = boxes.lower_m, boxes.upper_m
+    write_factors(facets_m, middles_m, normals, disc.radius_m, disc.chords_m, *sides, room, factors)
     return factors
 
 
@@ -142,13 +121,6 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
         seen += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
     factor: float = min(max(-seen / (2.0 * math.pi), 0.0), 1.0)
     return factor
-
-
-@outermost
-def unhidden_factors(points: FloatArray, normals: FloatArray, radius: float, factors: FloatArray) -> None:
-    """Write the view factor of every element, (N,), from points and normals, (N, 3) each."""
-    for n in range(len(points)):
-        factors[n] = _unhidden(points[n], normals[n], radius)
 
 
 @compiled
@@ -282,50 +254,52 @@ def _hidden_pieces(
 
 
 @outermost
-def visible_shares(
-    points: FloatArray,
+def write_factors(
+    facets: FloatArray,
+    middles: FloatArray,
     normals: FloatArray,
     radius: float,
     chords: FloatArray,
-    way: tuple[float, float],
     lower: FloatArray,
     upper: FloatArray,
     room: tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray],
-    share: FloatArray,
+    factors: FloatArray,
 ) -> None:
-    """Write which share of its view factor each element keeps for each of its normals, (N, M).
+    """Write the view factor of each facet of each element, (N, M).
 
-    Elements are (N, 3), their normals (N, M, 3), the chords of the disc (C, 3) and their ``way`` as
-    :class:`~pouring_robot.thermal.network.view_factors.DiscChords` has them, corners of boxes (B, 3); ``room`` for work
-    is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
+    Facets and normals are (N, M, 3), middles (N, 3), the chords of the disc (C, 3) as :class:`DiscChords` has them,
+    corners of boxes (B, 3); ``room`` for work is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
     """
     bounds, pieces, counts, boxes, facing, totals = room
-    for n in range(len(points)):
-        x, y, z = points[n]
-        along, across = x * way[0] + y * way[1], y * way[0] - x * way[1]
-        share[n] = 1.0
-        near = _boxes_between((x, y, z), radius, lower, upper, boxes) if z > 0.0 else 0
+    for n in range(len(facets)):
+        seen = False
+        for m in range(facets.shape[1]):
+            factors[n, m] = _unhidden(facets[n, m], normals[n, m], radius)
+            seen = seen or factors[n, m] > 0.0
+        x, y, z = middles[n]
+        near = _boxes_between((x, y, z), radius, lower, upper, boxes) if seen and z > 0.0 else 0
         if near == 0:
             continue
         found, between = 0, boxes[:near]
         for c in range(len(chords)):
-            chord = (-way[1] * chords[c, 0], way[0] * chords[c, 0], way[0], way[1], chords[c, 1])
+            chord = (-_WAY_Y * chords[c, 0], _WAY_X * chords[c, 0], _WAY_X, _WAY_Y, chords[c, 1])
             counts[c] = _hidden_pieces((x, y, z), chord, lower, upper, between, bounds, pieces[c])
             found += counts[c]
         if found == 0:
             continue
+        along, across = x * _WAY_X + y * _WAY_Y, y * _WAY_X - x * _WAY_Y
         totals[:] = 0.0
         for c in range(len(chords)):
             beside, half, weight = chords[c, 0] - across, chords[c, 1], chords[c, 2]
             square = beside * beside + z * z
-            for m in range(normals.shape[1]):
+            for m in range(facets.shape[1]):
                 normal = normals[n, m]
-                facing[m, 0] = normal[0] * way[0] + normal[1] * way[1]
-                facing[m, 1] = (normal[1] * way[0] - normal[0] * way[1]) * beside - normal[2] * z
+                facing[m, 0] = normal[0] * _WAY_X + normal[1] * _WAY_Y
+                facing[m, 1] = (normal[1] * _WAY_X - normal[0] * _WAY_Y) * beside - normal[2] * z
             _add_piece(totals[0], facing, -half - along, half - along, square, weight)
             for k in range(counts[c]):
                 begin, end = pieces[c, k]
                 _add_piece(totals[1], facing, begin - along, end - along, square, weight)
-        for m in range(normals.shape[1]):
+        for m in range(facets.shape[1]):
             if totals[0, m] > 0.0:
-                share[n, m] = min(max(1.0 - totals[1, m] / totals[0, m], 0.0), 1.0)
+                factors[n, m] *= min(max(1.0 - totals[1, m] / totals[0, m], 0.0), 1.0)
