@@ -75,8 +75,10 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "
             "deviations, so intervals are rough"
         )
-    if calibration.fit.failed.size:
-        found.append(f"{calibration.fit.failed.size} rows have drives that no pose of the robot has; left out")
+    if calibration.fit.equations.failed.size:
+        found.append(
+            f"{calibration.fit.equations.failed.size} rows have drives that no pose of the robot has; left out"
+        )
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
     worse = _moved(before, after, WORSE)
     if worse:
@@ -148,7 +150,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             "train": int(split.train.size),
             "held_out": int(test.size),
             "left_out_lines": [int(calibration.campaign.lines[row]) for row in calibration.left_out],
-            "not_closing": int(fit.failed.size),
+            "not_closing": int(fit.equations.failed.size),
         },
         "held_out_by": split.kind,
         "held_out_block": split.test_name,

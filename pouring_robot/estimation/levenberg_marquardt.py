@@ -62,11 +62,10 @@ class Search:
         self.evaluations = 0
         prediction = self._predict(start)
         equations = whiten(measured, prediction)
-        self.failed = equations.failed
         used = np.unique(equations.rows).size
         if equations.rows.size <= FRAMES or used < FEWEST_ROWS:
             raise CalibrationError(
-                f"only {used} of {len(rows)} rows can be used ({self.failed.size} do not close)",
+                f"only {used} of {len(rows)} rows can be used ({equations.failed.size} do not close)",
                 "measure more poses, or check drive values and model file",
             )
         self.second_evaluations = 0

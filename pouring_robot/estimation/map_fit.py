@@ -30,7 +30,7 @@ from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, FrameFitError
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
@@ -160,7 +160,6 @@ class Fit:
     weights: FloatArray  # of each equation by the robust loss, shape (m,)
     evaluations: int  # how many times all rows were predicted in the search
     second_evaluations: int  # how many times they were to measure second derivatives
-    failed: Indices  # rows that were measured but do not close; they took no part
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
 
@@ -226,7 +225,6 @@ def identify(
         search.weights,
         search.evaluations,
         search.second_evaluations,
-        search.failed,
         last_step,
         last_step < options.step_tolerance,
     )

@@ -164,7 +164,8 @@ class PouringBench(RobotBench):
     def sliders(self) -> dict[str, Any]:
         """Return the sliders of any robot and those of the melt."""
         found = super().sliders()
-        melt = self._heat.melt_degC or self._heat.thermal_properties().melt.temperature.value
+        stated = self._heat.melt_degC
+        melt = self._heat.thermal_properties().melt.temperature.value if stated is None else stated
         limits = {"lower": min(_COOLEST, melt), "upper": max(_HOTTEST, melt), "value": melt}
         time = {"lower": 0.0, "upper": _LONGEST_MIN, "value": 0.0}
         sliders = [

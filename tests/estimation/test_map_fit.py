@@ -128,7 +128,7 @@ def test_rows_that_do_not_close_are_left_out_and_named(drawing):
     rows = virtual.model.at(drives)
     start = first_frames(rows, virtual.measured)
     fit = identify(rows, virtual.measured, start, virtual.prior)
-    assert fit.failed.tolist() == [3, 9]
+    assert fit.equations.failed.tolist() == [3, 9]
     assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.4)
 
 

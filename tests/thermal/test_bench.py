@@ -5,6 +5,7 @@ import pytest
 
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.scene import PouringBench
 from tests.robot.benches import POSE, ask, check, origins
@@ -31,3 +32,9 @@ def test_a_slider_let_go_of_shows_the_settled_robot(as_built):
 def test_impossible_heat_is_refused(as_built):
     bench = PouringBench(as_built, as_built.location_in_the_middle())
     assert "melt_degC" in ask(bench, {"melt_degC": -300.0, "after_min": 10.0})["refused"]
+
+
+def test_a_melt_of_zero_degrees_is_one(as_built):
+    cold = PouringRobot(as_built.model.model_copy(update={"heat": HeatSection(melt_degC=0.0)}))
+    bench = PouringBench(cold, cold.location_in_the_middle())
+    assert {s["id"]: s["value"] for g in bench.sliders()["groups"] for s in g["sliders"]}["melt_degC"] == 0.0

@@ -94,3 +94,17 @@ def test_measured_temperatures_and_properties_of_the_model_count(as_built):
 def test_a_warm_robot_at_no_expansion_is_cold(as_built):
     warm = WarmRobot(as_built, COLD, POSE).locate(POSE)
     assert warm.difference().translation_m == pytest.approx(as_built.locate(POSE).difference().translation_m, abs=1e-12)
+
+
+def test_many_poses_of_a_warm_robot_are_as_warm_as_one(as_built):
+    """One is closed by Newton from the drawing's pose, many are closed together: legs grow in both."""
+    warm, poses = (
+        WarmRobot(as_built, ThermalExpansion((1e-3, 2e-3, 3e-3, 4e-3)), POSE),
+        [POSE, *random_poses(2, seed=5)],
+    )
+    tip = warm.actual_solver.mechanism.loops.working_frame
+    many = warm.locate(poses).sel(frame=tip)
+    for pose, one in zip(poses, many.transpose("pose", ...).error_position.values, strict=True):
+        alone = warm.locate(pose).difference().translation_m
+        assert one == pytest.approx(alone, abs=1e-9)
+        assert np.linalg.norm(one - as_built.locate(pose).difference().translation_m) > 1e-4

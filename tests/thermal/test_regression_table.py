@@ -33,7 +33,7 @@ def test_angles_and_a_second_temperature(written):
     table = ErrorTable.read_csv(path, temperature_column="melt_degC")
     assert table.kind == "angle"
     np.testing.assert_allclose(table.errors[0], [1e-3, np.radians(2.0)], rtol=1e-15)
-    with pytest.raises(TableError, match="found: melt_degC, ambient_degC; name it"):
+    with pytest.raises(TableError, match="found: melt_degC, ambient_degC"):
         ErrorTable.read_csv(path)
 
 

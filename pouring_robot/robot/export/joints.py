@@ -38,10 +38,11 @@ class JointRow:
     @classmethod
     def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[Self]:
         """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
-        offsets, mechanism = model.drive_offset_values(), structure.mechanism
+        mechanism = structure.mechanism
+        beyond = mechanism.followed(model.drive_offset_values())
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
         columns |= structure.joint_values(closed.joints)
-        columns = {name: values - offsets.get(name, 0.0) for name, values in columns.items()}
+        columns = {name: values - beyond.get(name, 0.0) for name, values in columns.items()}
         units = {name: mechanism.unit_of(name) for name in columns}
         gaps = [np.linalg.norm(part, axis=2).max(axis=1) for part in np.split(closed.residual, 2, axis=2)]
         rows = zip(np.transpose(list(columns.values())).tolist(), *(gap.tolist() for gap in gaps), strict=True)

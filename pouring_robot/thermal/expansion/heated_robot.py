@@ -84,6 +84,12 @@ class WarmRobot(PouringRobot):
         growth = self.expansion.drive_offsets(drives, self.model.drive_offset_values())
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
+    def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
+        """As of every robot, legs grown."""
+        names = self.actual_solver.mechanism.loops.drives
+        stand = [[*self.actual_drives(dict(zip(names, row, strict=True))).values()] for row in drives.tolist()]
+        return self.engine().close(np.reshape(stand, drives.shape), start)
+
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
         return self.actual_of(self.pose)

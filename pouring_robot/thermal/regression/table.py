@@ -165,7 +165,7 @@ def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[in
     chosen = [i for i in temperatures if wanted in {None, table.headings[i]}]
     if len(chosen) != 1:
         found = ", ".join(table.headings[i] for i in temperatures) or "none"
-        raise table.heading_fault(f"one column must be the temperature (_degC or _K), found: {found}; name it")
+        raise table.heading_fault(f"exactly one column must be the temperature (_degC or _K), found: {found}")
     if not sets:
         raise table.heading_fault("names no error set, such as P1_mm")
     if len(kinds) > 1:
