@@ -47,15 +47,6 @@ class CandidateSet:
     prior: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The best plan found: candidate of each slot, (n,), its observability index, and that reached from each start."""
-
-    chosen: Indices
-    value: float
-    values: tuple[float, ...]
-
-
 def choose(
     candidates: CandidateSet,
     slots: Sequence[int] | Indices,
@@ -64,27 +55,26 @@ def choose(
     seed: int = 0,
     starts: int = 4,
     progress: Progress = say_nothing,
-) -> Choice:
-    """Return the plan that an exchange finds best, from so many random first plans; the same seed gives the same plan.
+) -> Indices:
+    """Return the plan that an exchange finds best, from so many random first plans: the candidate of each slot, (n,).
 
-    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan. Fewer poses
-    to choose from than slots raise BadInputError.
+    ``slots`` are the kind of each of the n slots; the same seed gives the same plan, and so do the criteria D and O1.
+    Fewer poses to choose from than slots raise BadInputError.
     """
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)
     random = np.random.default_rng([seed, 3])
-    found: list[tuple[float, Indices]] = []
+    best, most = np.empty(0, dtype=np.intp), -np.inf
     for start in range(starts):
         # In turn: by determinant first, which is mostly good; the best so far, shaken; at random, for other valleys.
         first = search.random_plan(random)
         if start % 3 == 1:
-            best = max(found, key=lambda pair: pair[0])[1]
             first = search.shaken(best, first, random)
-        found.append(search.improve(first, random, determinant_first=start % 3 == 0))
+        value, found = search.improve(first, random, determinant_first=start % 3 == 0)
+        if value > most:
+            best, most = found, value
         progress("exchanging poses", start + 1, starts)
-    values = [value for value, _ in found]
-    value, chosen = found[int(np.argmax(values))]
-    return Choice(chosen, value, tuple(values))
+    return best
 
 
 class InformationFactor:

@@ -169,10 +169,10 @@ class Planner:
         """Return the best plan found."""
         request, rows = self.request, self._candidate_rows
         candidates, slots = self._candidate_set(rows)
-        choice = choose(
+        chosen = choose(
             candidates, slots, request.criterion, seed=request.seed, starts=request.starts, progress=progress
         )
-        places = candidates.place[choice.chosen].tolist()
+        places = candidates.place[chosen].tolist()
         visits = [(*divmod(place, len(self.states)), both) for place, both in zip(places, slots.tolist(), strict=True)]
         numbered = [
             (n, pose, state, side)
@@ -186,7 +186,7 @@ class Planner:
         index = float(observability_index(quality.singular_values, request.criterion, request.poses))
         axes, robot, left_out = self.robot.command_axes, self.robot.model.definition, self.left_out
         return MeasurementPlan(
-            request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index, choice.values
+            request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index
         )
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, Indices]:

@@ -114,7 +114,6 @@ class MeasurementPlan(Result):
     pose_numbers: Indices  # which of the n poses each row is, from 1
     quality: PlanQuality
     value: float  # the criterion's index, per shown unit
-    start_values: tuple[float, ...]  # the index that each start of the search reached
 
     @property
     def headline(self) -> str:
