@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
-from pouring_robot.batch.structure import ByteArray, IntArray, Star
+from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -143,11 +143,6 @@ class SweepPlan:
         """Number of chunks by sample and by pose."""
         return -(-self.draws.count // self.sample_block), -(-len(self.poses) // self.pose_block)
 
-    @property
-    def closures(self) -> int:
-        """Number of robots times number of poses."""
-        return self.draws.count * len(self.poses)
-
     def chunks(self) -> Iterator[Chunk]:
         """Yield all chunks, in order."""
         for index in np.ndindex(self.chunk_grid):
@@ -161,21 +156,16 @@ class SweepPlan:
 
     def compute(self, chunk: Chunk) -> ChunkResult:
         """Compute one chunk; the numbers depend on the plan and the chunk alone."""
-        values, poses = self.draws.values(*chunk.samples), self.poses[slice(*chunk.poses)]
+        return self.moved(self.draws.values(*chunk.samples), self.poses[slice(*chunk.poses)])
+
+    def moved(self, values: FloatArray, poses: BatchCommand) -> ChunkResult:
+        """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures."""
         actual, (position, axes) = self.platforms(values, poses), self._expected(poses)
         moved = self._displacement(actual, position, axes)
         turned = rotation_vectors(actual.rotation @ np.swapaxes(axes, 1, 2))
         return ChunkResult(
             moved, turned, actual.gap_m, actual.gap_rad, actual.status, values, pouring_robot.__version__
         )
-
-    def displacements(self, values: FloatArray, poses: BatchCommand) -> tuple[FloatArray, ByteArray]:
-        """Return the displacements that errors (robots, parameters) in m and rad cause at poses, by exact closures.
-
-        Displacements in m, shape (robots, poses, frames, 3), are NaN where the status, shape (robots, poses), is not 0.
-        """
-        actual = self.platforms(values, poses)
-        return self._displacement(actual, *self._expected(poses)), actual.status
 
     def _displacement(self, actual: Platforms, position: FloatArray, rotation: FloatArray) -> FloatArray:
         offsets = self.tool_offsets_m
@@ -206,13 +196,15 @@ class SweepPlan:
         placed = np.zeros((shape[0], engine.structure.site_count, 6))
         sites = [engine.structure.site(joint) for joint in self.error_map.joints]
         placed[:, sites] = self.error_map.placement_errors(values)
-        flat, driven = placed.reshape(shape[0], -1), self.error_map.drive_errors(values)
+        flat = placed.reshape(shape[0], -1)
         of_all = flat[0] if shape[0] == 1 else flat[robot]
-        drives = poses.drives[pose] + (driven + self.model.offset_of_each_drive())[robot]
+        offsets = self.error_map.drive_errors(values) + self.model.offset_of_each_drive()
+        drives = poses.drives[pose] + offsets[robot]
         if self.config.kind == "open_branch":
             assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
-            chain = _own_chains(engine.structure.star, flat, driven)
-            closed = engine.carry(chain[robot], drives, poses.start[pose], of_all)
+            chains = np.array([p.chain - 1 for p in self.parameters])
+            own = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot lie in one
+            closed = engine.carry(own[robot], drives, poses.start[pose], of_all)
         else:
             closed = engine.close(drives, poses.start[pose], of_all)
         loops = closed.residual.shape[1]  # none of a serial arm
@@ -280,14 +272,6 @@ class SweepPlan:
             if name not in bodies:
                 raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
         return np.array([mechanism.placement_on_end(name).translation for name in self.config.frames])
-
-
-def _own_chains(star: Star, errors: FloatArray, drive_errors: FloatArray) -> IntArray:
-    """Return the chain in which each robot's errors lie, (robots,); a robot without errors is the same in any."""
-    own = np.array(errors.reshape(len(errors), len(star.revolute), -1).any(axis=2))
-    for drive, chain in enumerate(star.drives[:, 0]):
-        own[:, chain] |= drive_errors[:, drive] != 0.0
-    return np.asarray(own.argmax(axis=1))
 
 
 def _model(config: SweepConfig) -> RobotModel:

@@ -121,14 +121,14 @@ def test_small_errors_scatter_as_the_transfer_matrix_says(make_plan):
         parameters=("*_e?_*", "drive.*"), distribution="normal", std_mm=0.005, std_mrad=0.005, correlation=0.3
     )
     plan = make_plan(errors=[entry], samples=6000)
-    displacement, status = plan.displacements(plan.draws.values(0, 6000), plan.poses)
+    moved = plan.moved(plan.draws.values(0, 6000), plan.poses)
     std = np.array([margin.std for margin in plan.draws.margins])
     one_group = [0] * len(std)
     transfer = transfer_matrices(plan, plan.poses)[:, :3]
     expected = group_covariances(transfer, std, plan.draws.shared, plan.draws.parts, one_group)[:, 0]
-    assert (status == 0).all()
+    assert (moved.status == 0).all()
     for pose in range(len(plan.poses)):
-        found = np.cov(displacement[:, pose, 0].T)
+        found = np.cov(moved.displacement[:, pose, 0].T)
         root = np.linalg.cholesky(expected[pose])
         whitened = np.linalg.solve(root, np.linalg.solve(root, found).T)
         assert np.abs(whitened - np.eye(3)).max() < 0.08

@@ -28,7 +28,7 @@ def test_closed_chains_equal_the_one_at_a_time_solver(plan):
 
 def test_displacements_are_those_of_the_robot_with_these_errors(plan):
     values = plan.draws.values(3, 4)
-    found, _ = plan.displacements(values, plan.poses)
+    found = plan.moved(values, plan.poses).displacement
     solver = OneAtATime(plan.mechanism, plan.error_map.joints).solver(plan.error_map.placement_errors(values)[0])
     drives = dict(
         zip(
@@ -72,16 +72,14 @@ def test_an_open_branch_takes_all_errors_of_its_chain(make_plan):
 
 
 def test_without_errors_nothing_moves(plan):
-    displacement, status = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)
-    assert (status == 0).all() and np.abs(displacement).max() < 1e-12
+    moved = plan.moved(np.zeros((1, len(plan.names))), plan.poses)
+    assert (moved.status == 0).all() and np.abs(moved.displacement).max() < 1e-12
 
 
 def test_a_robot_as_built_is_compared_with_itself(make_plan):
     plan = make_plan(layout=None, model=str(ACTUAL))
-    displacement, _ = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)
-    assert np.abs(displacement).max() < 1e-12
-    first, _ = plan.displacements(plan.draws.values(0, 1), plan.poses)
-    assert 1e-5 < np.abs(first).max() < 2e-2
+    assert np.abs(plan.moved(np.zeros((1, len(plan.names))), plan.poses).displacement).max() < 1e-12
+    assert 1e-5 < np.abs(plan.moved(plan.draws.values(0, 1), plan.poses).displacement).max() < 2e-2
 
 
 def test_a_robot_as_built_has_its_drive_offsets_and_its_own_error_is_told(make_plan, tmp_path):
@@ -100,6 +98,7 @@ def test_a_robot_as_built_has_its_drive_offsets_and_its_own_error_is_told(make_p
 def test_robots_without_a_solution_keep_their_status(make_plan):
     entry = {"parameters": ["leg?_s?.r?"], "half_width_mrad": 400.0}
     plan = make_plan(errors=[entry], samples=10)
-    displacement, status = plan.displacements(plan.draws.values(0, 10), plan.poses)
-    assert (status != 0).any()
-    assert np.isnan(displacement[status != 0]).all() and np.isfinite(displacement[status == 0]).all()
+    moved = plan.moved(plan.draws.values(0, 10), plan.poses)
+    closed = moved.status == 0
+    assert not closed.all()
+    assert np.isnan(moved.displacement[~closed]).all() and np.isfinite(moved.displacement[closed]).all()

@@ -105,7 +105,7 @@ def test_the_transfer_matrix_is_that_of_the_frame(make_plan, kind):
     entry = ErrorEntry(parameters=("*_e1_*", "drive.leg1_s3"), half_width_mm=1.0, half_width_mrad=1.0)
     plan = make_plan(study="one_at_a_time", samples=None, kind=kind, errors=[entry])
     step = 1e-5
-    near, far = (plan.displacements(s * step * np.eye(len(plan.names)), plan.poses)[0] for s in (1.0, -1.0))
+    near, far = (plan.moved(s * step * np.eye(len(plan.names)), plan.poses).displacement for s in (1.0, -1.0))
     found = transfer_matrices(plan, plan.poses)[:, :3]
     expected = np.moveaxis((near - far)[:, :, 0] / (2 * step), 0, -1)
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()

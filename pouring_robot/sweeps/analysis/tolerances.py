@@ -341,10 +341,10 @@ def _verified(
     within, failed = np.zeros(len(hardest)), 0
     for first in range(0, wanted.machines, step):
         values = robots.values(first, min(first + step, wanted.machines)) * factor
-        displacement, status = plan.displacements(values, plan.poses[hardest])
-        distance = np.linalg.norm(displacement[:, :, 0], axis=-1)
-        within += ((status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
-        failed += int((status != 0).sum())
+        moved = plan.moved(values, plan.poses[hardest])
+        distance = np.linalg.norm(moved.displacement[:, :, 0], axis=-1)
+        within += ((moved.status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
+        failed += int((moved.status != 0).sum())
         progress("verification", first + len(values), wanted.machines)
     tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
     capped, worst, predicted = found.capped[list(groups)], found.poses, float(found.quantile_m.max())
