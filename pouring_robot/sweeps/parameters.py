@@ -19,11 +19,11 @@ from typing import Any, Self
 
 import numpy as np
 import scipy.special
-from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
@@ -137,20 +137,13 @@ class ErrorMap:
             for own in sorted({SITES[transform] for _, (transform, _) in columns}):
                 site = self.joints.index(chain.joints[own])
                 transforms = [k for k, k_site in enumerate(SITES) if k_site == own]
-                rows = numbers[:, transforms].any(axis=(1, 2))  # without errors the joint stays exactly where it is
-                moved = displacements[rows, own] @ homogeneous(errors[rows, site])
-                errors[rows, site, :3] = moved[:, :3, 3]
-                errors[rows, site, 3:] = Rotation.from_matrix(moved[:, :3, :3]).as_rotvec()
+                # without errors the joint stays exactly where it is
+                rows = np.flatnonzero(numbers[:, transforms].any(axis=(1, 2)))
+                placed = np.tile(np.eye(4), (rows.size, 1, 1))
+                placed[:, :3, :3], placed[:, :3, 3] = rotation_matrices(errors[rows, site, 3:]), errors[rows, site, :3]
+                moved = displacements[rows, own] @ placed
+                errors[rows, site, :3], errors[rows, site, 3:] = moved[:, :3, 3], rotation_vectors(moved[:, :3, :3])
         return errors
-
-
-def homogeneous(errors: FloatArray) -> FloatArray:
-    """Return placement errors (n, 6), translation (m) and rotation vector (rad), as matrices (n, 4, 4)."""
-    matrix = np.zeros((len(errors), 4, 4))
-    matrix[:, :3, :3] = Rotation.from_rotvec(errors[:, 3:]).as_matrix()
-    matrix[:, :3, 3] = errors[:, :3]
-    matrix[:, 3, 3] = 1.0
-    return matrix
 
 
 @dataclass(frozen=True)
