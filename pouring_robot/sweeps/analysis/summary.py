@@ -95,7 +95,7 @@ class _Part:
         self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Summary:
     """What a sweep found at its first frame."""
 
@@ -105,8 +105,8 @@ class Summary:
     by_sample: Moments  # sums over the poses for each robot (one_at_a_time: for each parameter)
     by_pose: Moments  # sums over the robots for each pose
     distances: Distances  # all distances
-    largest_gap_m: float = 0.0  # largest distance left open in a loop; ``largest_gap_rad``: largest angle
-    largest_gap_rad: float = 0.0
+    largest_gap_m: float  # largest distance left open in a loop; ``largest_gap_rad``: largest angle
+    largest_gap_rad: float
 
     @property
     def failed(self) -> int:
@@ -157,21 +157,19 @@ class Summary:
 def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
     """Read all chunks of a finished sweep once."""
     plan = store.plan
-    counts = np.zeros(NOT_DONE + 1, dtype=np.int64)
-    by_sample, by_pose = Moments(plan.draws.count), Moments(len(plan.poses))
-    summary = Summary(plan.config.frames[0], plan.accuracy_m, {}, by_sample, by_pose, Distances())
+    counts, gaps = np.zeros(NOT_DONE + 1, dtype=np.int64), np.zeros(2)
+    by_sample, by_pose, distances = Moments(plan.draws.count), Moments(len(plan.poses)), Distances()
     for done, chunk in enumerate(plan.chunks(), start=1):
         part = _Part(store, chunk)
         counts += np.bincount(part.status.ravel(), minlength=counts.size)
-        summary.by_sample.add(slice(*chunk.samples), part, 1)
-        summary.by_pose.add(slice(*chunk.poses), part, 0)
-        summary.distances.add(part.distance_m[part.good])
-        for name in ("gap_m", "gap_rad"):
-            largest = np.where(part.good, store.read(name, chunk), 0.0).max()
-            setattr(summary, f"largest_{name}", max(getattr(summary, f"largest_{name}"), float(largest)))
+        by_sample.add(slice(*chunk.samples), part, 1)
+        by_pose.add(slice(*chunk.poses), part, 0)
+        distances.add(part.distance_m[part.good])
+        open_by = [np.where(part.good, store.read(name, chunk), 0.0).max() for name in ("gap_m", "gap_rad")]
+        gaps = np.maximum(gaps, open_by)
         progress("summary", done, plan.chunk_grid[0] * plan.chunk_grid[1])
-    summary.status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
-    return summary
+    status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
+    return Summary(plan.config.frames[0], plan.accuracy_m, status, by_sample, by_pose, distances, *gaps.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,11 +221,9 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
             f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
             "solution, and nothing moves in the others; make the errors smaller"
         )
-    pooled = sums.sum(axis=1) / max(weights.sum(), np.finfo(float).tiny)
-    by_axis = sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]
-    first, total, first_confidence, total_confidence = pooled
-    spread = first_confidence, total_confidence, by_axis.T, weights / max(1, poses)
-    return SobolIndices(first, total, *spread, dropped)
+    first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()
+    by_axis = (sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]).T
+    return SobolIndices(first, total, first_confidence, total_confidence, by_axis, weights / poses, dropped)
 
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:
