@@ -16,7 +16,8 @@ matrix: determinants only change by a constant, whatever the units and however h
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy.linalg
@@ -27,8 +28,6 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-_Factors = Sequence[tuple[FloatArray, FloatArray]]  # C and blocks of each factor without the pose of a slot
-_Best = Callable[[Indices, int, _Factors], int]  # returns the candidate that is best in a slot of a plan
 # Keeps random first plans regular; against a mean information of one it changes no decision.
 _RIDGE = 1e-6
 _LEAST_GAIN = 1e-9
@@ -77,37 +76,36 @@ def choose(
     return best
 
 
+@dataclass(frozen=True, eq=False)
 class InformationFactor:
-    """C = M⁻¹ (``inverse``, (p, p)) over some columns, and the ``blocks`` X C Xᵀ of every candidate, (m, m, N).
+    """C = M⁻¹ over some columns, and what follows from it for every candidate; M is the information of a plan."""
 
-    The whitened rows X of the N candidates have the shape (N, m, p), the information M of the present plan (p, p).
-    """
+    rows: FloatArray  # X, whitened, of the N candidates, shape (p, m, N)
+    inverse: FloatArray  # C, shape (p, p)
+    blocks: FloatArray  # X C Xᵀ of each candidate, shape (m, m, N)
 
-    def __init__(self, rows: FloatArray, information: FloatArray) -> None:
-        self._rows = rows
-        self._across = np.ascontiguousarray(rows.transpose(2, 1, 0))  # (p, m, N)
-        self.restart(information)
+    @classmethod
+    def of(cls, rows: FloatArray, information: FloatArray) -> Self:
+        """Take C, of M (p, p), and all blocks from scratch."""
+        inverse: FloatArray = np.asarray(np.linalg.inv(information), dtype=float)
+        root = np.linalg.cholesky(0.5 * (inverse + inverse.T))
+        half = np.tensordot(root.T, rows, axes=1)
+        return cls(rows, inverse, np.einsum("kan,kbn->abn", half, half))
 
-    def restart(self, information: FloatArray) -> None:
-        """Take C and all blocks from scratch."""
-        self.inverse: FloatArray = np.asarray(np.linalg.inv(information), dtype=float)
-        root = np.linalg.cholesky(0.5 * (self.inverse + self.inverse.T))
-        half = np.tensordot(root.T, self._across, axes=1)
-        self.blocks: FloatArray = np.einsum("kan,kbn->abn", half, half)
-
-    def updated(
-        self, inverse: FloatArray, blocks: FloatArray, candidate: int, sign: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return C and blocks with the rows of one candidate added (sign 1) or removed (-1), by Woodbury's formula."""
-        own = self._rows[candidate]
-        middle = np.linalg.inv(np.eye(len(own)) + sign * blocks[:, :, candidate])
+    def updated(self, candidate: int, sign: float) -> Self:
+        """Return the same with the rows of one candidate added (sign 1) or removed (-1), by Woodbury's formula."""
+        middle = np.linalg.inv(np.eye(len(self.blocks)) + sign * self.blocks[:, :, candidate])
         root = np.linalg.cholesky(0.5 * (middle + middle.T))
-        reach = inverse @ own.T @ root  # (p, m)
-        seen = np.tensordot(reach.T, self._across, axes=1)  # (m, m of candidate, N)
-        changed = blocks.copy()
+        reach = self.inverse @ self.rows[:, :, candidate] @ root  # (p, m)
+        seen = np.tensordot(reach.T, self.rows, axes=1)  # (m, m of candidate, N)
+        blocks = self.blocks.copy()
         for part in seen:
-            changed -= sign * part[:, None, :] * part[None, :, :]
-        return inverse - sign * reach @ reach.T, changed
+            blocks -= sign * part[:, None, :] * part[None, :, :]
+        return replace(self, inverse=self.inverse - sign * reach @ reach.T, blocks=blocks)
+
+
+_Factors = list[InformationFactor]  # without the pose of a slot: over all columns, and over those of the nuisance
+_Best = Callable[[Indices, int, _Factors], int]  # returns the candidate that is best in a slot of a plan
 
 
 def log_determinants(blocks: FloatArray) -> FloatArray:
@@ -148,7 +146,7 @@ class _Search:
         self.base = weights @ weights.T + _RIDGE * len(slots) * np.eye(unknowns)
         self.units = triangle[self.nuisance :, self.nuisance :]
         widths = [unknowns] + ([self.nuisance] if self.nuisance else [])
-        self.factors = [InformationFactor(self.rows[:, :, :width], self.base[:width, :width]) for width in widths]
+        self.across = [np.ascontiguousarray(self.rows[:, :, :width].transpose(2, 1, 0)) for width in widths]
 
     def random_plan(self, random: np.random.Generator) -> Indices:
         """Return a plan with each place at most once."""
@@ -183,12 +181,15 @@ class _Search:
     def _run(self, chosen: Indices, random: np.random.Generator, best: _Best) -> Indices:
         chosen = chosen.copy()
         for _ in range(_ROUNDS):
-            information = self._information(chosen)
-            for factor in self.factors:
-                width = len(factor.inverse)
-                factor.restart(information[:width, :width])
-            swaps = [self._swapped(chosen, slot, best) for slot in random.permutation(len(chosen)).tolist()]
-            if not any(swaps):
+            information, before = self._information(chosen), chosen.copy()
+            factors = [InformationFactor.of(rows, information[: len(rows), : len(rows)]) for rows in self.across]
+            for slot in random.permutation(len(chosen)).tolist():
+                out = [factor.updated(int(chosen[slot]), -1.0) for factor in factors]
+                candidate = best(chosen, slot, out)
+                if candidate != chosen[slot]:
+                    factors = [factor.updated(candidate, 1.0) for factor in out]
+                    chosen[slot] = candidate
+            if np.array_equal(chosen, before):
                 break
         return chosen
 
@@ -202,19 +203,8 @@ class _Search:
         return np.asarray((self.kind == self.slots[slot]) & ~np.isin(self.place, others))
 
     def _gains(self, out: _Factors) -> FloatArray:
-        gains = log_determinants(out[0][1])
-        return gains - log_determinants(out[1][1]) if self.nuisance else gains
-
-    def _swapped(self, chosen: Indices, slot: int, best: _Best) -> bool:
-        """Put the best candidate into a slot, in place; say whether it is another one."""
-        out = [factor.updated(factor.inverse, factor.blocks, int(chosen[slot]), -1.0) for factor in self.factors]
-        candidate = best(chosen, slot, out)
-        if candidate == chosen[slot]:
-            return False
-        for factor, (inverse, blocks) in zip(self.factors, out, strict=True):
-            factor.inverse, factor.blocks = factor.updated(inverse, blocks, candidate, 1.0)
-        chosen[slot] = candidate
-        return True
+        gains = log_determinants(out[0].blocks)
+        return gains - log_determinants(out[1].blocks) if self.nuisance else gains
 
     def _by_determinant(self, chosen: Indices, slot: int, out: _Factors) -> int:
         gains, present = self._gains(out), int(chosen[slot])
