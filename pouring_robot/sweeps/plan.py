@@ -23,16 +23,9 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.command import command_box
-from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue
-from pouring_robot.robot.pose_table import read_command_lines, read_pose_lines
-from pouring_robot.robot.pouring.definition import PouringDefinition
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, load_layout
-from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring_robot import robot_of
+from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
+from pouring_robot.robot.robot import Robot
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
 from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
 
@@ -85,21 +78,21 @@ class SweepPlan:
     def __init__(self, config: SweepConfig) -> None:
         self.threads: int | None = None
         self.model = _model(config)
-        definition, nominal = self.model.definition, self.model.definition.mechanism()
-        self.mechanism: ClosedChainMechanism = self.model.mechanism()
-        self.catalogue = ParameterCatalogue(definition, nominal)
-        self.config = config = completed(config, self.catalogue, definition)
+        robot = robot_of(self.model)
+        self.mechanism: ClosedChainMechanism = robot.actual_solver.mechanism
+        self.catalogue = robot.parameters
+        self.config = config = completed(config, self.catalogue, self.model.definition)
         self.parameters = select(self.catalogue, config)
         self.draws = Draws.of(config, self.parameters)
         self._refuse_many_chains()
         if config.allocation:
             self.groups(config.allocation.by)
         self.tool_offsets_m = self._tool_offsets()
-        accuracy_m = robot_of(self.model).accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
+        accuracy_m = robot.accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
         if accuracy_m is None:
             raise config.problem("accuracy_mm is missing: nobody says what this robot must keep")
         self.accuracy_m: float = accuracy_m
-        self.poses: BatchCommand = sweep_commands(config, definition, definition.drawing(nominal))
+        self.poses: BatchCommand = sweep_commands(config, robot)
         self.pose_block = min(len(self.poses), config.chunk)
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
 
@@ -286,37 +279,36 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+def sweep_commands(config: SweepConfig, robot: Robot) -> BatchCommand:
     """Return the commands of a sweep, with their drive values and the drawing's closed poses.
 
     Raises:
         TableError: the file of poses is wrong.
         UnreachablePoseError: a joint would pass its limits at one of the poses; PathPoseError: of a file's poses.
     """
-    if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
-        wanted, lines = _wanted(config, load_layout(robot.layout, robot.layouts_file))
-        commands = drawing.commands(wanted)
-        beyond = ~drawing.within_limits(commands.start.joints)
-        if beyond.any():
-            first = int(np.argmax(beyond))
-            x, y, z, tilt = (float(value) for value in commands.poses[first])
-            try:
-                drawing.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
-            except NoSolutionError as error:
-                if not lines:
-                    raise
-                raise PathPoseError(config.beside(str(config.poses.file)), lines[first], error) from error
-        return commands
-    return _driven(config, robot, drawing)
+    if not isinstance(robot, PouringRobot):
+        return _driven(config, robot)
+    wanted, lines = _wanted(config, robot)
+    commands = robot.kinematics.commands(wanted)
+    beyond = ~robot.kinematics.in_reach(commands.start)
+    if beyond.any():
+        first = int(np.argmax(beyond))
+        try:
+            robot.kinematics.inverse(robot.command_at(commands.poses[first]))  # raises, and names the joint
+        except NoSolutionError as error:
+            if not lines:
+                raise
+            raise PathPoseError(config.beside(str(config.poses.file)), lines[first], error) from error
+    return commands
 
 
-def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
     """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes."""
-    choice = config.poses
+    choice, drawing = config.poses, robot.drawing
     if choice.grid is not None or (choice.random is not None and choice.random.box != Box()):
         raise config.problem("grid and box are of the pouring robot; give random: {count, seed}, or a file of drives")
     if choice.random is None:
-        listed = read_command_lines(config.beside(str(choice.file)), robot)
+        listed = robot.read_commands(config.beside(str(choice.file)))
         if not all(isinstance(command, np.ndarray) for command in listed.values()):
             raise config.problem("poses.file: give a column for each drive")
         drives = np.array(list(listed.values()))
@@ -327,7 +319,7 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
             raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
         return BatchCommand(drives, drives, start)
     generator, count = _generator(choice.random), choice.random.count
-    box = command_box(robot.command_axes(drawing.mechanism))
+    box = command_box(robot.command_axes)
     found = np.empty((0, box[0].size))
     for _ in range(_MOST_ROUNDS):
         drawn = generator.uniform(*box, size=(count, box[0].size))
@@ -338,20 +330,20 @@ def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> Ba
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")
 
 
-def _wanted(config: SweepConfig, layout: Layout) -> tuple[FloatArray, list[int]]:
+def _wanted(config: SweepConfig, robot: PouringRobot) -> tuple[FloatArray, list[int]]:
     """Return x, y, z in m and the tilt in rad, shape (n, 4), and on which lines of a file they stand, if on any."""
     even, random = config.poses.grid, config.poses.random
     if even is not None:
-        limits, counts = even.box.limits(layout.box), (even.x, even.y, even.z, even.tilt)
+        limits, counts = even.box.limits(robot.layout.box), (even.x, even.y, even.z, even.tilt)
         axes = [
             np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
             for low, high, count in zip(*limits, counts, strict=True)
         ]
         return grid(*axes), []
     if random is not None:
-        lower, upper = random.box.limits(layout.box)
+        lower, upper = random.box.limits(robot.layout.box)
         return _generator(random).uniform(lower, upper, size=(random.count, 4)), []
-    listed = read_pose_lines(config.beside(str(config.poses.file)))
+    listed = robot.read_commands(config.beside(str(config.poses.file)))
     return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed.values()]), list(listed)
 
 
