@@ -150,12 +150,10 @@ class _Search:
 
     def random_plan(self, random: np.random.Generator) -> Indices:
         """Return a plan with each place at most once."""
-        chosen = np.empty(len(self.slots), dtype=np.intp)
-        taken: set[int] = set()
-        for slot, kind in enumerate(self.slots.tolist()):
-            free = np.flatnonzero((self.kind == kind) & ~np.isin(self.place, list(taken)))
-            chosen[slot] = random.choice(free)
-            taken.add(int(self.place[chosen[slot]]))
+        chosen = np.empty(0, dtype=np.intp)
+        for kind in self.slots.tolist():
+            free = np.flatnonzero((self.kind == kind) & ~np.isin(self.place, self.place[chosen]))
+            chosen = np.append(chosen, random.choice(free))
         return chosen
 
     def shaken(self, plan: Indices, other: Indices, random: np.random.Generator) -> Indices:
