@@ -13,6 +13,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 
+_STEPS = 8
+
 
 class Engine(ABC):
     """Closures and transfer matrices of many samples. Which engine does it changes nothing but the time it takes."""
@@ -116,13 +118,11 @@ class HomotopyStarts:
     """Closed poses for any drive values, followed from one closed home in even steps, all samples at once.
 
     The last step may have an engine of its own, ``last``, that asks for more than those on the way. Raises as
-    :func:`closed_home`, and BadInputError where there is no step.
+    :func:`closed_home`.
     """
 
-    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
-        if steps < 1:
-            raise BadInputError(f"the number of steps must be positive, not {steps}")
-        self.engine, self.steps, self._last = engine, steps, last or engine
+    def __init__(self, engine: Engine, home: Mapping[str, float], last: Engine | None = None) -> None:
+        self.engine, self._last = engine, last or engine
         mechanism = engine.structure.mechanism
         closed = closed_home(mechanism, home, engine.options)
         self._home = engine.start_at(closed.configuration[None])
@@ -139,8 +139,8 @@ class HomotopyStarts:
             raise BadInputError(f"drives must have the shape (n, {self._home_drives.size}), not {drives.shape}")
         start = self._home[np.zeros(len(drives), dtype=np.int64)]
         serial = not self.engine.structure.mechanism.anchors
-        for step in range(self.steps if serial else 1, self.steps + 1):
-            share = step / self.steps
-            engine = self._last if step == self.steps else self.engine
+        for step in range(_STEPS if serial else 1, _STEPS + 1):
+            share = step / _STEPS
+            engine = self._last if step == _STEPS else self.engine
             start = engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
         return start

@@ -49,8 +49,8 @@ _IDLE_RATIO, _SINGULAR_RATIO = 1e-12, 1e-13
 
 
 @compiled
-def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) -> tuple[int, int, float]:
-    """Close one sample from the state in ``room``; return status, steps taken and the largest residual component.
+def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) -> tuple[int, int]:
+    """Close one sample from the state in ``room``; return status and steps taken.
 
     ``options``: largest step that may end the search, residual that counts as closed, error that may be left, and
     length of steps that are round-off if they do not shrink.
@@ -95,7 +95,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
             # of two steps counts: Newton may set stiff and soft directions right in turns.
             settled = length * max(share, share_before) < left_over or (share > 0.5 and previous < round_off)
             if settled and short and sharp:
-                return CLOSED, iteration, residual
+                return CLOSED, iteration
             # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
             exact = residual >= closed_below and trial > 0.01 * energy
             # Factors keep while the loops' wrenches do: against soft directions even a small wrench counts.
@@ -110,7 +110,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
             factored, to_floor, stale, scale = False, False, True, 0.25 * scale
             if scale < 1e-3:
                 scale, damping = 1.0, max(10.0 * damping, 1e-4)
-    return NOT_CONVERGED, max_iterations, largest
+    return NOT_CONVERGED, max_iterations
 
 
 @compiled

@@ -133,7 +133,7 @@ def close_samples(
         sound = load_state(star, room, samples, row)
         sound = load_drives(star, room, drives[row]) and sound
         if place_errors(star, room, samples, row, first) and sound:
-            code, steps, _ = close_one(star, room, options, max_iterations)
+            code, steps = close_one(star, room, options, max_iterations)
         if code == CLOSED and not small_gaps(star, room, options):
             code = GAP_TOO_LARGE
         store(star, room, closures, row, code)
