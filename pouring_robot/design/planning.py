@@ -76,12 +76,7 @@ class Planner:
             most = robot.layout.ladle.payload.value
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
         asked = planned_parameters(robot.parameters, self.request)
-        columns = Columns(robot, asked)
-        visits = len(self.states) * (2 if self.request.both_sides else 1)
-        # Where a pose can be visited in several ways, fewer poses make as many candidates.
-        wanted = self.request.candidates // visits if visits > 1 else self.request.candidates
-        poses = candidate_poses(robot.command_axes, wanted)
-        self.poses, rows = self._rows(columns, poses)
+        self.poses, rows = self._rows(Columns(robot, asked))
         # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
         # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
         names = [p.name for p in FRAME_PARAMETERS]
@@ -112,11 +107,13 @@ class Planner:
         loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (Conditions().leg_degC,)
         return tuple(Conditions(1, load, degrees) for degrees in temperatures for load in loads)
 
-    def _rows(self, columns: Columns, candidates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the poses that close, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
-        poses = candidates[columns.reachable(candidates)]
+    def _rows(self, columns: Columns) -> tuple[FloatArray, FloatArray]:
+        """Return poses to choose from, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
         sides = (1, -1) if self.request.both_sides else (1,)
         visits = [replace(state, side=side) for state in self.states for side in sides]
+        # Where a pose can be visited in several ways, fewer poses make as many candidates.
+        candidates = candidate_poses(self.robot.command_axes, self.request.candidates // len(visits))
+        poses = candidates[columns.reachable(candidates)]
         rows, closed = self.measured(columns, poses, visits)
         count, least, tried = np.count_nonzero(closed), max(self.request.poses, 20), len(candidates)
         if count < least and count > tried / 2:
