@@ -120,11 +120,15 @@ class SweepPlan:
         return "off" if self.config.model is None else f"off its place in {Path(self.config.model).name}"
 
     @functools.cached_property
-    def own_error_m(self) -> float:
-        """How far the robot without the sweep's errors is from where it is commanded, at its first frame, at most."""
+    def own_error_m(self) -> float | None:
+        """How far the robot without the sweep's errors is from where it is commanded, at its first frame, at most.
+
+        None where it closes at no pose.
+        """
         start = self.poses.start
         moved = self._displacement(self._without_errors(self.poses), start.position, start.rotation)
-        return float(np.nanmax(np.linalg.norm(moved[0, :, 0], axis=-1)))
+        distance = np.linalg.norm(moved[0, :, 0], axis=-1)
+        return float(np.nanmax(distance)) if np.isfinite(distance).any() else None
 
     @property
     def names(self) -> tuple[str, ...]:

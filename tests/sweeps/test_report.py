@@ -8,6 +8,7 @@ import runpy
 
 import numpy as np
 import pytest
+import yaml
 
 from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
@@ -148,6 +149,22 @@ def test_nothing_but_failures_still_gives_a_report_and_ends_without_a_solution(t
     told = capsys.readouterr().out
     assert "3 robots at 8 poses: none of the 24 cases closes" in told and "0.000 mm" not in told
     assert len(list((out / "two").iterdir())) == 5
+
+
+def test_a_robot_as_built_that_closes_nowhere_has_no_error_of_its_own_that_is_known(tmp_path, capsys):
+    signs = {1: (-1, 1), 2: (1, -1), 3: (-1, -1), 4: (1, 1)}
+    placements = {
+        f"leg{k}_s1": {"translation_mm": [500 * (-1) ** k, 500, 0], "rotation_mrad": [90 * x, 90 * y, 0]}
+        for k, (x, y) in signs.items()
+    }
+    model = {"format": "pouring_robot/model/1", "layout": "paper", "joint_placements": placements}
+    (tmp_path / "far_off.yaml").write_text(yaml.safe_dump(model))
+    changes = {"layout": None, "model": "far_off.yaml", "study": "one_at_a_time", "samples": None}
+    config = write(tmp_path, poses={"grid": {}}, **changes)
+    assert main(["sweep", str(config), "--out", str(tmp_path / "one"), "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["own_error_mm"] is None
+    assert main(["sweep", str(config), "--out", str(tmp_path / "two")]) == 3
+    assert "note: the robot of far_off.yaml closes at none of these poses" in capsys.readouterr().out
 
 
 def test_an_error_with_which_no_robot_closes_matters_most_and_has_no_largest(make_plan, tmp_path):

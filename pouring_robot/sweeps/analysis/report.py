@@ -77,7 +77,7 @@ class SweepReport(Result):
             "content_hash": plan.content_hash,
             "version": plan.content["version"],
             "seed": plan.config.seed,
-            **({"own_error_mm": plan.own_error_m / MM} if plan.config.model is not None else {}),
+            **({"own_error_mm": plan.own_error_m and plan.own_error_m / MM} if plan.config.model is not None else {}),
             "summary": self.summary.figures(),
             "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
             "ranking": self._table(),
@@ -122,8 +122,10 @@ def summary_lines(found: SweepReport) -> list[str]:
         f"{figures['share_of_robots_within_everywhere']:.2%} of the {_robots(plan)} at every pose",
     ]
     if plan.config.model is not None:
-        own = f"up to {plan.own_error_m / MM:.3f} mm at these poses"
-        lines.append(f"note: the robot of {plan.config.model} is off by an error of its own besides, {own}")
+        own = "closes at none of these poses without further errors either"
+        if plan.own_error_m is not None:
+            own = f"is off by an error of its own besides, up to {plan.own_error_m / MM:.3f} mm at these poses"
+        lines.append(f"note: the robot of {plan.config.model} {own}")
     if found.summary.failed:
         failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
         lines.append(f"note: without a solution, kept with their status: {failed}")
