@@ -48,14 +48,6 @@ class CompiledEngine(Engine):
         self._largest_turn = largest_turn(mechanism)
         self._smaller = Shares(mechanism, self.structure.displaced_star, options.most_steps)
 
-    def _joints_at(self, configurations: FloatArray) -> FloatArray:
-        joints = np.zeros((len(configurations), *self.structure.star.revolute.shape))
-        values = self.structure.mechanism.joint_courses(configurations)
-        for i, names in enumerate(self.structure.joint_names):
-            for k, name in enumerate(names):
-                joints[:, i, k] = values[name]
-        return joints
-
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``.
 

@@ -22,28 +22,13 @@ from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
-class GeneralStructure(Structure):
-    """The sites of any mechanism: moving joints that stand between base, end and loops, and the loops' seats."""
-
-    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the values of joints by name, as the base class, from configurations (n, nq)."""
-        return self.mechanism.joint_courses(joints)
-
-    def configurations(self, joints: FloatArray) -> FloatArray:
-        """Return configurations (n, nq), which the engine's joints are."""
-        return joints
-
-
 class GeneralEngine(Engine):
     """Closes any mechanism, sample by sample; raises BadInputError where it names no end frame."""
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
         if mechanism.loops.end_frame is None:
             raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
-        self.structure, self.options = GeneralStructure(mechanism, _site_joints(mechanism)), options
-
-    def _joints_at(self, configurations: FloatArray) -> FloatArray:
-        return configurations
+        self.structure, self.options = Structure(mechanism, _site_joints(mechanism)), options
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)

@@ -32,11 +32,7 @@ class Engine(ABC):
         poses = [self.structure.mechanism.pose_base_to_end(configuration) for configuration in configurations]
         position = np.array([pose.translation for pose in poses]).reshape(-1, 3)
         rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
-        return BatchStart(position, rotation, self._joints_at(configurations))
-
-    @abstractmethod
-    def _joints_at(self, configurations: FloatArray) -> FloatArray:
-        """Return the joints of configurations as :class:`BatchStart` has them."""
+        return BatchStart(position, rotation, self.structure.joints(configurations))
 
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None

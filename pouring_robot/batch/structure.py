@@ -9,7 +9,6 @@ placements on both sides, so a kernel needs to know one kind of revolute and one
 from __future__ import annotations
 
 import functools
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -46,8 +45,11 @@ class Star(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Structure(ABC):
-    """Where samples may displace a mechanism: its sites, one a joint placement."""
+class Structure:
+    """Where samples may displace a mechanism, its sites, one a joint placement; and what an engine's joints are.
+
+    Those of the general engine are Pinocchio's configurations themselves.
+    """
 
     mechanism: ClosedChainMechanism  # that the samples displace
     site_joints: tuple[str, ...]  # joint that each site, by its number, displaces; empty: a site not used
@@ -62,13 +64,17 @@ class Structure(ABC):
         """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
         return placement_parameters(filter(None, self.site_joints))
 
-    @abstractmethod
+    def joints(self, configurations: FloatArray) -> FloatArray:
+        """Return the engine's joints, n first, from Pinocchio configurations (n, nq)."""
+        return configurations
+
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
         """Return the values of joints of one freedom, (n,) each in m or rad, by name, from the engine's joints."""
+        return self.mechanism.joint_courses(joints)
 
-    @abstractmethod
     def configurations(self, joints: FloatArray) -> FloatArray:
         """Return Pinocchio configurations (n, nq) that hold the engine's joints, with which the loops close."""
+        return joints
 
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
@@ -131,6 +137,15 @@ class StarStructure(Structure):
     def is_serial(self) -> bool:
         """Whether no loop is closed: the drives carry the end frame."""
         return not self.mechanism.anchors
+
+    def joints(self, configurations: FloatArray) -> FloatArray:
+        """Return joints by chain (n, chains, joints), as the base class; behind the last of a chain stands 0."""
+        values = self.mechanism.joint_courses(configurations)
+        joints = np.zeros((len(configurations), *self.star.revolute.shape))
+        for i, names in enumerate(self.joint_names):
+            for k, name in enumerate(names):
+                joints[:, i, k] = values[name]
+        return joints
 
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
         """Return the values of joints by name, as the base class, from joints by chain (n, chains, joints)."""
