@@ -315,22 +315,20 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
         listed = robot.read_commands(config.beside(str(choice.file)))
         if not all(isinstance(command, np.ndarray) for command in listed.values()):
             raise config.problem("poses.file: give a column for each drive")
-        drives = np.array(list(listed.values()))
-        start = drawing.starts(drives)
-        lost = ~drawing.in_reach(start)
+        commands = drawing.commands(np.array(list(listed.values())))
+        lost = ~drawing.in_reach(commands.start)
         if lost.any():
             line = list(listed)[int(np.argmax(lost))]
             raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
-        return BatchCommand(drives, drives, start)
+        return commands
     generator, count = _generator(choice.random), choice.random.count
     box = command_box(robot.command_axes)
     found = np.empty((0, box[0].size))
     for _ in range(_MOST_ROUNDS):
         drawn = generator.uniform(*box, size=(count, box[0].size))
-        start = drawing.starts(drawn)
-        found = np.concatenate([found, drawn[drawing.in_reach(start)]])
+        found = np.concatenate([found, drawn[drawing.in_reach(drawing.starts(drawn))]])
         if len(found) >= count:
-            return BatchCommand(found[:count], found[:count], drawing.starts(found[:count]))
+            return drawing.commands(found[:count])
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")
 
 
