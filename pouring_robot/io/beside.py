@@ -9,12 +9,11 @@ import multiprocessing
 import os
 import signal
 import threading
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Found = TypeVar("Found")
 
@@ -25,11 +24,10 @@ _PATIENCE_S = 600.0
 def beside(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     """Let some work be done beside what stands in a ``with`` block; a copy that is still at it ends with the block.
 
-    Its result, and what it raises, must be fit to be pickled.
+    Its result must be fit to be pickled. What fails in the copy, or hangs, is done here again, where it says why.
 
     Yields:
-        What waits for the result and returns it. It raises what the work has raised, with the traceback of the copy as
-        a note, and ChildProcessError if the copy ends or hangs without an answer.
+        What waits for the result and returns it.
     """
     if not can_be_copied():
         yield work
@@ -39,8 +37,16 @@ def beside(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     copy = context.Process(target=_do, args=(work, theirs), daemon=True)
     copy.start()
     theirs.close()
+
+    def answer() -> Found:
+        with contextlib.suppress(EOFError):  # the copy has ended without an answer
+            if ours.poll(_PATIENCE_S):
+                found: Found = ours.recv()
+                return found
+        return work()
+
     try:
-        yield lambda: _answer(ours)
+        yield answer
     finally:
         copy.kill()
         copy.join()
@@ -55,32 +61,12 @@ def can_be_copied() -> bool:
         return False
 
 
-def _answer(ours: Connection) -> Any:
-    try:
-        if not ours.poll(_PATIENCE_S):
-            raise ChildProcessError(f"what was done beside this process took more than {_PATIENCE_S:.0f} s")
-        found, failure = ours.recv()
-    except EOFError as error:
-        raise ChildProcessError("what was done beside this process ended without a result") from error
-    if failure is not None:
-        kind, args, state = failure
-        again: BaseException = kind.__new__(kind, *args)  # not by its own arguments, which nobody knows any more
-        again.__dict__.update(state)
-        raise again
-    return found
-
-
 def _do(work: Callable[[], Found], theirs: Connection) -> None:
     """Do the work as the copy, which ends with the process that it is of, and silently at a Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    try:
-        answer: tuple[Found | None, object] = work(), None
-    except Exception as error:
-        error.add_note("".join(traceback.format_exception(error)))
-        answer = None, (type(error), error.args, error.__dict__)
-    with contextlib.suppress(BrokenPipeError):
-        theirs.send(answer)
+    with contextlib.suppress(Exception):  # it is raised where the work is done again
+        theirs.send(work())
 
 
 def _end_with_parent() -> None:
