@@ -1,6 +1,5 @@
 """Texts are read, and files written whole or not at all."""
 
-import errno
 import os
 import secrets
 import shutil
@@ -49,7 +48,7 @@ def refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
 def _put(given: Path, content: bytes | str) -> Path:
     with _told(given):
         target = _target(given)
-        if target.exists() and not target.is_file():
+        if _is_stream(target):
             target.write_bytes(_bytes(content))
         else:
             with _hidden(target, content) as hidden:
@@ -60,80 +59,57 @@ def _put(given: Path, content: bytes | str) -> Path:
 def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True) -> list[Path]:
     """Write several files, all or none, and return them in order; folders that are missing are made.
 
-    Files of a folder that is missing appear with it, in one step, so that even a killed process leaves all or none.
-    Elsewhere all are written beside their places before the first is put there, and if anything fails, Ctrl-C
-    included, new files are removed and older files are as they were; a process that is killed while it puts them there
-    leaves some of them, each whole.
+    All are written beside their places before the first is put there; files of a folder that is missing appear with it,
+    in one step, so that even a killed process leaves all or none of them. If anything fails, Ctrl-C included, what is
+    new is taken back and older files are as they were; a process that is killed while it puts files into a folder that
+    was there leaves some of them, each whole. Pipes and devices come last.
 
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
     """
     refuse_present(files, overwrite=overwrite)
-    new = _missing_folder(list(files))
-    if new is not None:
-        _write_new(new, files)
-        return list(files)
-    for path in files:
-        if path.parent.is_dir():
-            check_writable(path)  # most of what can go wrong is seen before anything is touched
-    before: dict[Path, bytes | None] = {}
-    made: list[Path] = []
-    try:
-        with ExitStack() as stack:
-            parts = {}
-            for path, content in files.items():
-                with _told(path.parent):
-                    missing = [place for place in (path.parent, *path.parent.parents) if not place.exists()]
-                    for folder in reversed(missing):
-                        folder.mkdir()
-                        made.append(folder)
-                with _told(path):
-                    parts[path] = stack.enter_context(_hidden(_target(path), content))
-            stop_if_heard()
-            for path, hidden in parts.items():
-                with _told(path):
-                    before[path] = path.read_bytes() if path.is_file() else None
-                    hidden.replace(_target(path))
-    except BaseException:
-        for path, old in before.items():
-            if old is not None:
-                _put(path, old)
-            else:
-                path.unlink(missing_ok=True)
-        for folder in reversed(made):
-            folder.rmdir()
-        raise
+    hidden: dict[Path, Path] = {}  # by the file or folder that it is to become
+    before: dict[Path, bytes] = {}
+    with ExitStack() as stack:
+        for path, content in files.items():
+            with _told(path):
+                folder = _missing_folder(path)
+                if folder is None:
+                    if not _is_stream(target := _target(path)):
+                        hidden[path] = stack.enter_context(_hidden(target, content))
+                    continue
+                if folder not in hidden:
+                    hidden[folder] = hidden_name(folder)
+                    stack.callback(shutil.rmtree, hidden[folder], ignore_errors=True)
+                place = hidden[folder] / path.absolute().relative_to(folder)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                _write_through(place, content)
+        stop_if_heard()
+        try:
+            for place, whole in hidden.items():
+                with _told(place):
+                    if whole.is_dir() and place.exists():
+                        raise OutputError(place, "another run has made it meanwhile; choose another name")
+                    if place.is_file():
+                        before[place] = place.read_bytes()
+                    whole.replace(_target(place))
+            for path in files:
+                if _is_stream(path):
+                    _put(path, files[path])
+        except BaseException:
+            for place, whole in hidden.items():
+                if place in before:
+                    _put(place, before[place])
+                elif not whole.exists():
+                    place.resolve().rename(whole)
+            raise
     return list(files)
 
 
-def _missing_folder(files: Sequence[Path]) -> Path | None:
-    """Return the topmost missing folder that all files are to stand in, if there is one."""
-    if any(".." in path.parts for path in files):  # what stands above a missing folder is unknown
-        return None
-    common = Path(os.path.commonpath([path.parent.absolute() for path in files]))
-    missing = [place for place in (common, *common.parents) if not place.exists() and not place.is_symlink()]
-    return missing[-1] if missing else None
-
-
-def _write_new(folder: Path, files: Mapping[Path, bytes | str]) -> None:
-    """Write files into a hidden folder, which then takes the name of the new one in one step."""
-    hidden = hidden_name(folder)
-    try:
-        with _told(folder):
-            hidden.mkdir()
-            for path, content in files.items():
-                place = hidden / path.absolute().relative_to(folder)
-                place.parent.mkdir(parents=True, exist_ok=True)
-                _write_through(place, content)
-            stop_if_heard()
-            try:
-                hidden.rename(folder)
-            except OSError as error:
-                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-                    raise OutputError(folder, "another run has made it meanwhile; choose another name") from error
-                raise
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+def _missing_folder(path: Path) -> Path | None:
+    """Return the topmost missing folder that a file is to stand in, if there is one and no way leads out of it."""
+    missing = [place for place in path.absolute().parents if not place.exists() and not place.is_symlink()]
+    return missing[-1] if missing and ".." not in path.absolute().relative_to(missing[-1]).parts else None
 
 
 def copy_folder(source: Path, folder: Path) -> list[Path]:
@@ -199,6 +175,11 @@ def _target(given: Path) -> Path:
     return target
 
 
+def _is_stream(target: Path) -> bool:
+    """Return whether a file that can be written to is a pipe or a device, which has no "whole"."""
+    return target.exists() and not target.is_file()
+
+
 def _require_access(place: Path, given: Path) -> None:
     if not os.access(place, os.W_OK):
         raise OutputError(given, "permission denied; choose a place you may write to")
@@ -213,7 +194,7 @@ def check_writable(path: Path | str) -> None:
     given = Path(path)
     with _told(given):
         target = _target(given)
-        _require_access(target if target.exists() and not target.is_file() else target.parent, given)
+        _require_access(target if _is_stream(target) else target.parent, given)
 
 
 def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:

@@ -67,6 +67,18 @@ def test_writes_straight_to_a_device():
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
 
+def test_several_files_may_go_to_pipes(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_together({tmp_path / "pipe": "x", tmp_path / "a.txt": "y"})
+        assert os.read(reader, 9) == b"x"
+    finally:
+        os.close(reader)
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    assert (tmp_path / "a.txt").read_text() == "y"
+
+
 @pytest.mark.parametrize(("name", "problem"), [("", "is a folder"), ("no/such/a.txt", "does not exist")])
 def test_says_why_it_cannot_write(tmp_path, name, problem):
     with pytest.raises(OutputError, match=problem) as caught:
