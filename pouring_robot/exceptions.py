@@ -77,23 +77,7 @@ class SweepStoreError(_FileError):
 
 
 class DescriptionError(_FileError):
-    """The robot's description (xacro, URDF, layouts or loops file) is broken."""
-
-
-class ModelFileError(DescriptionError):
-    """A model file is wrong."""
-
-
-class SweepFileError(DescriptionError):
-    """A sweep file is wrong."""
-
-
-class CampaignFileError(DescriptionError):
-    """The YAML file of a measurement campaign is wrong."""
-
-
-class ThermalFileError(DescriptionError):
-    """The file of thermal properties is wrong."""
+    """A file that describes something is wrong: a URDF, a xacro, or a YAML file of any kind."""
 
 
 class TableError(BadInputError):

@@ -153,7 +153,7 @@ class Campaign(Result):
         Raises:
             CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
                 twice, a required column is missing, or a cell is no number; names file, line and column.
-            CampaignFileError: a key or value of the YAML file is wrong; names line and key.
+            DescriptionError: a key or value of the YAML file is wrong; names line and key.
             BadInputError: ``robot`` is none, or a file of it is wrong.
         """
         expect(path, Path | str, "a campaign is read from the path of its table, and from_frame takes a data frame")

@@ -11,7 +11,7 @@ import pydantic
 from pydantic import Field
 
 from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
-from pouring_robot.exceptions import CampaignError, CampaignFileError, OutputError
+from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
@@ -158,13 +158,13 @@ def metadata_path(path: Path | str) -> Path:
 
 
 def read_metadata(path: Path | str) -> CampaignMetadata:
-    """Read the YAML file of a campaign; raises CampaignFileError, with line and key, if it or a value is wrong."""
-    return metadata_in(read_yaml(path, CampaignFileError), path)
+    """Read the YAML file of a campaign; raises DescriptionError, with line and key, if it or a value is wrong."""
+    return metadata_in(read_yaml(path), path)
 
 
 def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadata:
     """Return what such a file, which is or would be at ``path``, says; raises as :func:`read_metadata`."""
-    file = validate(_FILE, content, path, CampaignFileError)
+    file = validate(_FILE, content, path)
     facts = file.facts()
     for name in _UNITS:
         facts |= getattr(file, name).facts()

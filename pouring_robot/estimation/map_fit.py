@@ -44,7 +44,7 @@ def campaign_and_model(
 
     Raises:
         BadInputError: they are of two robots, or something else.
-        CampaignError, ModelFileError: a file of theirs is wrong.
+        CampaignError, DescriptionError: a file of theirs is wrong.
     """
     if model is None and isinstance(campaign, Campaign) and campaign.robot.name != RobotModel().definition.name:
         model = RobotModel.for_robot(campaign.robot)

@@ -12,13 +12,13 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.interrupt import stop_if_heard
 
 
-def read_text(path: Path, error: type[DescriptionError] = DescriptionError) -> str:
-    """Return the text of a file; raises DescriptionError (or ``error``) where it cannot be read."""
+def read_text(path: Path) -> str:
+    """Return the text of a file; raises DescriptionError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
-        raise error(path, f"cannot be read: {reason}") from problem
+        raise DescriptionError(path, f"cannot be read: {reason}") from problem
 
 
 def write_whole(path: Path | str, content: bytes | str, *, overwrite: bool = True) -> Path:

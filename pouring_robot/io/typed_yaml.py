@@ -82,37 +82,38 @@ class StrictModel(pydantic.BaseModel):
         return schema
 
 
-def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
+def read_yaml(path: Path | str) -> CommentedMap:
     """Read a YAML file whose top level is a mapping; who reads it again may get the same object, so leave it as it is.
 
     Raises:
-        DescriptionError: (or ``error``) the file is missing, unreadable, not YAML, has a key twice, or is not a
-            mapping; the message names the line.
+        DescriptionError: the file is missing, unreadable, not YAML, has a key twice, or is not a mapping; the message
+            names the line.
     """
-    return parse_yaml(read_text(Path(path), error), Path(path), error)
+    return parse_yaml(read_text(Path(path)), Path(path))
 
 
-def parse_yaml(text: str, path: Path, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
+def parse_yaml(text: str, path: Path) -> CommentedMap:
     """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
     if text.lstrip().startswith("<") and "<robot" in text:
-        raise error(path, f"is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it")
+        raise DescriptionError(path, f"is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it")
     try:
         content = _parsed(text)
     except MarkedYAMLError as problem:
         line = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
         # Of a doubled key the reader quotes all that stands under it.
         summary = str(problem.problem or problem.context).splitlines()[0].partition(" with value")[0][:200]
-        raise error(path, f"{line}not valid YAML: {summary}") from problem
+        raise DescriptionError(path, f"{line}not valid YAML: {summary}") from problem
     except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
-        raise error(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
+        raise DescriptionError(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
     except NotImplementedError as problem:  # the reader ties comments to what stands before them
-        raise error(path, "not valid YAML: a comment stands where the reader cannot place it") from problem
+        raise DescriptionError(path, "not valid YAML: a comment stands where the reader cannot place it") from problem
     except (TypeError, AttributeError) as problem:  # the reader cannot hold a mapping with a list in it as a key
-        raise error(path, "not valid YAML: a key is a list or a mapping, or what is merged by << is none") from problem
+        said = "not valid YAML: a key is a list or a mapping, or what is merged by << is none"
+        raise DescriptionError(path, said) from problem
     except RecursionError as problem:
-        raise error(path, "not valid YAML: too many brackets or lines within another") from problem
+        raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
-        raise error(path, "must be a mapping of keys to values at its top level")
+        raise DescriptionError(path, "must be a mapping of keys to values at its top level")
     return content
 
 
@@ -193,20 +194,14 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     return message + (f" (and {len(others)} more)" if others else ""), _line_of(content, location)
 
 
-def validate(
-    model: type[FileModel],
-    content: Mapping[str, Any],
-    path: Path | str,
-    error: type[DescriptionError] = DescriptionError,
-) -> FileModel:
+def validate(model: type[FileModel], content: Mapping[str, Any], path: Path | str) -> FileModel:
     """Turn the content of a YAML file into ``model``.
 
     Raises:
-        DescriptionError: (or ``error``) the first thing wrong, with its line, its key and, for a key nobody knows, the
-            nearest known one.
+        DescriptionError: the first thing wrong, with its line, its key and, for a key nobody knows, the nearest known.
     """
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as problem:
         message, line = _said(model, content, problem)
-        raise error(path, (f"line {line}: " if line else "") + message) from problem
+        raise DescriptionError(path, (f"line {line}: " if line else "") + message) from problem

@@ -19,14 +19,7 @@ import numpy as np
 import pinocchio as pin
 import pydantic
 
-from pouring_robot.exceptions import (
-    BadInputError,
-    DescriptionError,
-    ModelFileError,
-    TooLargeError,
-    UnknownJointError,
-    closest,
-)
+from pouring_robot.exceptions import BadInputError, DescriptionError, TooLargeError, UnknownJointError, closest
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.given import expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate, yaml_text
@@ -126,12 +119,12 @@ class RobotModel(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file, or the drawing of a robot file; raises ModelFileError where something in it is wrong."""
+        """Read a model file, or the drawing of a robot file; raises DescriptionError where something in it is wrong."""
         path = Path(path)
-        content = read_yaml(path, ModelFileError)
+        content = read_yaml(path)
         if content.get("format") == ROBOT_FORMAT:
             return cls.for_robot(path)
-        model = validate(cls, content, path, ModelFileError)
+        model = validate(cls, content, path)
         model._file = path
         try:
             model.check_errors()
@@ -139,7 +132,7 @@ class RobotModel(StrictModel):
                 learned.check(model.definition, f"learned.{name}")
             model.urdf()
         except UnknownJointError as problem:
-            raise ModelFileError(path, f"joint_placements: {problem}") from problem
+            raise DescriptionError(path, f"joint_placements: {problem}") from problem
         except BadInputError as problem:
             if isinstance(problem, DescriptionError):
                 raise
@@ -148,7 +141,7 @@ class RobotModel(StrictModel):
 
     def fault(self, problem: str) -> BadInputError:
         """Return the error of what is wrong with the model; it names the file, where the model is from one."""
-        return ModelFileError(self._file, problem) if self._file else BadInputError(problem)
+        return DescriptionError(self._file, problem) if self._file else BadInputError(problem)
 
     @classmethod
     def of(cls, model: RobotModel | Path | str | None) -> RobotModel:

@@ -9,7 +9,7 @@ import pydantic
 from numpy.typing import ArrayLike
 from pydantic import NonNegativeInt, PositiveFloat
 
-from pouring_robot.exceptions import BadInputError, SweepFileError, closest
+from pouring_robot.exceptions import BadInputError, DescriptionError, closest
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -148,7 +148,7 @@ class Allocation(StrictModel):
 class SweepConfig(StrictModel):
     """A sweep file; files that it names are relative to its folder.
 
-    What is wrong with it raises BadInputError; if it was read from a file, SweepFileError, which names line and key.
+    What is wrong with it raises BadInputError; if it was read from a file, DescriptionError, which names line and key.
     """
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
@@ -203,8 +203,8 @@ class SweepConfig(StrictModel):
     def load(cls, path: Path | str) -> Self:
         """Read a sweep file."""
         path = Path(path)
-        content = read_yaml(path, SweepFileError)
-        config = validate(cls, content, path, SweepFileError)
+        content = read_yaml(path)
+        config = validate(cls, content, path)
         config._folder, config._source = path.parent, path
         entries = content.get("errors", ())
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
@@ -226,7 +226,7 @@ class SweepConfig(StrictModel):
         if self._source is None:
             return BadInputError(message)
         line = f"line {self._lines[entry]}: errors.{entry}: " if entry is not None and self._lines else ""
-        return SweepFileError(self._source, line + message)
+        return DescriptionError(self._source, line + message)
 
     def beside(self, name: str) -> Path:
         """Return the path of a file that the sweep file names."""

@@ -101,7 +101,7 @@ class SweepPlan:
         """Read a sweep file and make it ready.
 
         Raises:
-            SweepFileError: the file is wrong; or as the constructor.
+            DescriptionError: the file is wrong; or as the constructor.
         """
         return cls(SweepConfig.load(path))
 

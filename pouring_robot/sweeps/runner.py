@@ -50,7 +50,7 @@ def sweep(
         progress: told of every chunk.
 
     Raises:
-        SweepFileError: the file is wrong.
+        DescriptionError: the file is wrong.
         BadInputError: it is none of these, a name in it does not fit the robot, the results are larger than the disk
             or what is kept of them than the memory, ``workers`` is no number of them, or ``resume``
             and ``overwrite`` are both asked for.

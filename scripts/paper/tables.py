@@ -7,7 +7,6 @@ from typing import Annotated
 
 import pydantic
 
-from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.dh.chain import TRANSFORMS
 
@@ -42,4 +41,4 @@ def load_tables(path: Path = TABLES_FILE) -> PaperTables:
     Raises:
         DescriptionError: the file is missing or wrong; names file, line and key.
     """
-    return validate(PaperTables, read_yaml(path, DescriptionError), path, DescriptionError)
+    return validate(PaperTables, read_yaml(path), path)

@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.campaign.columns import from_the_row_before
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import approaches
-from pouring_robot.exceptions import CampaignFileError
+from pouring_robot.exceptions import DescriptionError
 from tests.campaign.simulated import write_text
 
 HEADER = "time_s,q1_mm,q2_mm,q3_mm,q4_rad,x_mm,y_mm,z_mm"
@@ -47,7 +47,7 @@ def test_what_the_table_says_counts_and_what_is_written_reads_the_same(tmp_path)
 
 
 def test_another_word_is_refused(tmp_path):
-    with pytest.raises(CampaignFileError, match=r"drives\.approach"):
+    with pytest.raises(DescriptionError, match=r"drives\.approach"):
         Campaign.read(write_text(tmp_path, HEADER, ROWS, "drives: {approach: guess}\n"))
 
 

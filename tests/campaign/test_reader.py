@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.exceptions import BadInputError, CampaignError, CampaignFileError
+from pouring_robot.exceptions import BadInputError, CampaignError, DescriptionError
 from tests.campaign.simulated import write_text
 
 HEADER = "sample,session,time_s,q1_mm,q2_mm,q3_mm,q4_rad,x_mm,y_mm,z_mm"
@@ -141,7 +141,7 @@ def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
 )
 def test_names_the_fault_of_the_yaml_file(tmp_path, text, words):
     path = write_text(tmp_path, HEADER, [ROW], text)
-    with pytest.raises(CampaignFileError) as caught:
+    with pytest.raises(DescriptionError) as caught:
         Campaign.read(path)
     assert "c.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot import BadInputError, Campaign, PlatformPose
-from pouring_robot.exceptions import CampaignError, CampaignFileError
+from pouring_robot.exceptions import CampaignError, DescriptionError
 
 
 def test_a_campaign_is_read_shown_and_saved(real, tmp_path):
@@ -32,7 +32,7 @@ def test_a_campaign_is_made_from_a_data_frame(real):
             Campaign.from_frame(frame.assign(x_m=column), {})
     with pytest.raises(BadInputError, match="the path of a campaign is the one its table would have, not a None"):
         Campaign.from_frame(frame, {}, path=None)
-    with pytest.raises(CampaignFileError, match=r"unknown key 'metrology.sigma'"):
+    with pytest.raises(DescriptionError, match=r"unknown key 'metrology.sigma'"):
         Campaign.from_frame(frame, {"metrology": {"sigma": 1.0}})
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.effects.examples import complete_conditions
-from pouring_robot.exceptions import BadInputError, DiagnosisError, ModelFileError
+from pouring_robot.exceptions import BadInputError, DescriptionError, DiagnosisError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import EFFECTS, ROBOT
@@ -102,7 +102,7 @@ def test_unknown_names_and_units_are_refused_on_one_line(bench, tmp_path, wrong,
     assert said in str(problem.value)
     assert "\n" not in str(problem.value)
     model = RobotModel.load(RobotModel(effects=[wrong]).save(tmp_path / "model.yaml"))
-    with pytest.raises(ModelFileError) as of_a_file:
+    with pytest.raises(DescriptionError) as of_a_file:
         bench.rows_of(bench.campaign, model)
     assert str(of_a_file.value) == f"{tmp_path / 'model.yaml'}: {problem.value}"
 
@@ -129,7 +129,7 @@ def test_condition_that_the_campaign_does_not_say(bench):
 def test_broken_stack_is_refused_with_its_place(tmp_path, text, said):
     path = tmp_path / "model.yaml"
     path.write_text(f"format: pouring_robot/model/1\n{text}\n", encoding="utf-8")
-    with pytest.raises(ModelFileError) as problem:
+    with pytest.raises(DescriptionError) as problem:
         RobotModel.load(path)
     assert str(path) in str(problem.value)
     assert said in str(problem.value)

@@ -23,7 +23,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told
 from pouring_robot.estimation.changes import RowChanges
-from pouring_robot.exceptions import BadInputError, MissingConditionsError, ModelFileError, NoSolutionError
+from pouring_robot.exceptions import BadInputError, DescriptionError, MissingConditionsError, NoSolutionError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -239,7 +239,9 @@ def test_bad_conditions_are_refused_on_one_line(bench, given, said):
 def test_what_was_learned_nowhere_is_refused(tmp_path):
     path = RobotModel(effects=[EffectEntry(effect="base_drift", form="steady")]).save(tmp_path / "model.yaml")
     model = RobotModel.load(path)
-    with pytest.raises(ModelFileError, match=f"{path}: .* 'base_drift' does not say in which campaign it was learned"):
+    with pytest.raises(
+        DescriptionError, match=f"{path}: .* 'base_drift' does not say in which campaign it was learned"
+    ):
         RobotUnderConditions(robot_of(model), {})
 
 

@@ -5,7 +5,7 @@ from typing import Literal
 import pydantic
 import pytest
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 
@@ -103,8 +103,8 @@ def test_broken_files(written, content, words):
 
 
 def test_missing_file_and_the_kind_of_error(tmp_path):
-    with pytest.raises(ModelFileError, match=r"absent\.yaml: cannot be read: No such file"):
-        read_yaml(tmp_path / "absent.yaml", ModelFileError)
+    with pytest.raises(DescriptionError, match=r"absent\.yaml: cannot be read: No such file"):
+        read_yaml(tmp_path / "absent.yaml")
     with pytest.raises(DescriptionError, match="cannot be read"):
         read_yaml(tmp_path)
 

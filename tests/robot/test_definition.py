@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, NoSolutionError, PouringRobotError
+from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -233,7 +233,7 @@ def test_a_model_names_its_robot_relative_to_itself(arm):
 def test_what_only_the_pouring_robot_has_is_refused_beside_another(arm, more):
     path = arm.parent / "model.yaml"
     path.write_text(f"format: pouring_robot/model/1\nrobot: robot.yaml\n{more}", encoding="utf-8")
-    with pytest.raises(ModelFileError, match="is of the pouring robot only"):
+    with pytest.raises(DescriptionError, match="is of the pouring robot only"):
         RobotModel.load(path)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pouring_robot.exceptions import BadInputError, ModelFileError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
@@ -78,7 +78,7 @@ def test_flags_replace_single_values():
 )
 def test_what_is_wrong_is_said_in_one_line(written, old, new, says):
     path = written(FULL.replace(old, new))
-    with pytest.raises(ModelFileError) as caught:
+    with pytest.raises(DescriptionError) as caught:
         RobotModel.load(path)
     message = str(caught.value)
     assert says in message and message.startswith(f"{path}: line ") and "\n" not in message

@@ -14,7 +14,6 @@ from ruamel.yaml import YAML
 from pouring_robot.exceptions import (
     BadInputError,
     DescriptionError,
-    ModelFileError,
     OutputError,
     UnknownJointError,
     UnknownLayoutError,
@@ -124,7 +123,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
 )
 def test_mistakes(written, text, words):
     path = written(text)
-    with pytest.raises(ModelFileError, match=words) as caught:
+    with pytest.raises(DescriptionError, match=words) as caught:
         RobotModel.load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
@@ -153,7 +152,7 @@ def test_what_was_learned_is_of_this_robot(written, key, value, words):
     content = YAML(typ="safe").load(LEARNED.read_text(encoding="utf-8"))
     content["learned"]["campaign"][key] = value
     path = written(json.dumps(content))
-    with pytest.raises(ModelFileError, match=words) as caught:
+    with pytest.raises(DescriptionError, match=words) as caught:
         RobotModel.load(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
@@ -283,7 +282,7 @@ def test_any_damage_to_the_example_is_refused_or_harmless(tmp_path, place, chang
 def test_a_key_that_is_no_word_is_refused(tmp_path, text):
     path = tmp_path / "model.yaml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ModelFileError, match="a key is a list or a mapping"):
+    with pytest.raises(DescriptionError, match="a key is a list or a mapping"):
         RobotModel.load(path)
 
 

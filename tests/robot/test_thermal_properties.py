@@ -2,7 +2,7 @@
 
 import pytest
 
-from pouring_robot.exceptions import TemperatureError, ThermalFileError
+from pouring_robot.exceptions import DescriptionError, TemperatureError
 from pouring_robot.io.temperatures import REFERENCE_DEGC, kelvin
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout import load_layout
@@ -52,7 +52,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, says):
     text = (description_folder() / "config" / "thermal.yaml").read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(ThermalFileError) as caught:
+    with pytest.raises(DescriptionError) as caught:
         load_thermal_properties(path)
     message = str(caught.value)
     assert says in message
@@ -61,7 +61,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, says):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ThermalFileError, match=r"nothing\.yaml"):
+    with pytest.raises(DescriptionError, match=r"nothing\.yaml"):
         load_thermal_properties(tmp_path / "nothing.yaml")
 
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pouring_robot.cli.app import main
-from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
+from pouring_robot.exceptions import BadInputError, DescriptionError, TableError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.regression.report import by_axis, read_positions, regress
@@ -75,7 +75,7 @@ def test_the_file_says_what_the_line_says(measured, tmp_path):
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["axes"]["x"]["coefficients"][0].pop()
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    with pytest.raises(ThermalFileError, match=r"axes.x: rows of coefficients need 1 or 4"):
+    with pytest.raises(DescriptionError, match=r"axes.x: rows of coefficients need 1 or 4"):
         ThermalModel.load(path)
 
 

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
@@ -125,6 +124,6 @@ class ThermalProperties(StrictModel):
 
 
 def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:
-    """Read a thermal properties file (default: the shipped one); raises ThermalFileError: file, line and key."""
+    """Read a thermal properties file (default: the shipped one); raises DescriptionError: file, line and key."""
     path = Path(path) if path is not None else description_folder() / "config" / "thermal.yaml"
-    return validate(ThermalProperties, read_yaml(path, ThermalFileError), path, ThermalFileError)
+    return validate(ThermalProperties, read_yaml(path), path)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import pydantic
 
-from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
+from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
@@ -124,7 +124,7 @@ class ThermalModel(StrictModel):
 
     Keys as in the file; ``melt_degC`` and ``ranges``: lowest and highest temperature of the table it was fitted to, and
     of its poses, m and rad. An axis that is not named is taken for free of error. A file that is missing or wrong
-    raises ThermalFileError, which names file, line and key; a pose without one of the inputs BadInputError.
+    raises DescriptionError, which names file, line and key; a pose without one of the inputs BadInputError.
     """
 
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
@@ -148,7 +148,7 @@ class ThermalModel(StrictModel):
     @classmethod
     def load(cls, path: Path | str) -> ThermalModel:
         """Read a thermal-model file."""
-        return validate(cls, read_yaml(Path(path), ThermalFileError), Path(path), ThermalFileError)
+        return validate(cls, read_yaml(Path(path)), Path(path))
 
     def save(self, path: Path | str) -> Path:
         """Write the file.
