@@ -41,7 +41,7 @@ from pouring_robot.exceptions import (
 )
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, first_fault, to_inner
-from pouring_robot.io.tables import LARGEST, LATEST, read_table
+from pouring_robot.io.tables import read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
@@ -102,8 +102,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
             found[heading] = table.labels(index)
         elif heading in known:
             empty = "the value is missing; a condition is told of every pose"
-            latest = LATEST if heading.startswith("time_") else LARGEST
-            found[heading] = table.numbers(index, empty=empty, largest=latest)
+            found[heading] = table.numbers(index, empty=empty)
     return found
 
 

@@ -132,7 +132,7 @@ def read_quantities(
 
 
 def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.numbers(index, sparse=True, largest=LATEST if quantity.kind == "time" else LARGEST)
+    values = table.numbers(index, sparse=True)
     if not UNITS[quantity.kind]:
         return values
     inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])

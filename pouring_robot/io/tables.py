@@ -78,10 +78,8 @@ class Table:
         """Return the cells of a column as words; "" where empty."""
         return tuple(_label(cell) for cell in self.cells(index))
 
-    def numbers(
-        self, index: int, *, sparse: bool = False, empty: str = "", largest: float = LARGEST
-    ) -> NDArray[np.float64]:
-        """Return the cells of a column as finite numbers (n,) up to a size, in the unit of the file.
+    def numbers(self, index: int, *, sparse: bool = False, empty: str = "") -> NDArray[np.float64]:
+        """Return the cells of a column as finite numbers (n,), none larger than any quantity, in the unit of the file.
 
         ``sparse``: NaN where a cell is empty (or says ``nan``). ``empty`` is what is said of an empty cell; by default
         that it is not a finite number.
@@ -90,6 +88,7 @@ class Table:
             TableError: a cell is no such number.
         """
         values = np.empty(len(self))
+        largest = LATEST if self.headings[index].startswith("time_") else LARGEST
         for row, cell in enumerate(self.cells(index)):
             try:
                 values[row] = _number(cell)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
-from pouring_robot.io.tables import LARGEST, LATEST, read_table
+from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -130,10 +130,7 @@ def read_shift(
     time_column, *more = [name for name in table.headings if name in _TIMES] or [""]
     if not time_column or more or "melt_degC" not in table.headings:
         raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
-    columns = {
-        name: table.numbers(index, largest=LATEST if name in _TIMES else LARGEST)
-        for index, name in enumerate(table.headings)
-    }
+    columns = {name: table.numbers(index) for index, name in enumerate(table.headings)}
     for name in ("melt_degC", "ambient_degC"):
         for row, value in enumerate(columns.get(name, ())):
             if problem := temperature_fault(float(value), surroundings=name == "ambient_degC"):
