@@ -37,7 +37,7 @@ def export(
     from pouring_robot.robot.pouring_robot import robot_of
 
     built = which.read()
-    options.say_left_out(built, which.model)
+    options.note(*built.left_out("this command", str(which.model)))
     closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])

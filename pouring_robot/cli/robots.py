@@ -84,16 +84,12 @@ def robots(*, which: bundles.Which, as_json: options.AsJson = False) -> None:
     from pouring_robot.robot.pouring.layout import layout_names
     from pouring_robot.robot.pouring_robot import robot_of
 
-    if which.given:
-        chosen = [which.read()]
-        options.say_left_out(chosen[0], which.model)
-    else:
-        chosen = [RobotModel(layout=name) for name in layout_names()]
-    figures = [robot_figures(robot_of(one)) for one in chosen]
+    chosen = [which.built()] if which.given else [robot_of(RobotModel(layout=name)) for name in layout_names()]
+    figures = [robot_figures(one) for one in chosen]
     if as_json:
         return options.print_json(figures)
     for found, one in zip(figures, chosen, strict=True):
-        geared = {d.joint: d.command for d in one.definition.drives if d.factor != 1.0}
+        geared = {d.joint: d.command for d in one.model.definition.drives if d.factor != 1.0}
         _print(found, geared)
 
 

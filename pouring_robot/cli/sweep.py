@@ -35,9 +35,8 @@ def sweep(
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     study = SweepConfig.load(config)
     plan = SweepPlan(study if robot is None else study.with_robot(robot))
-    if plan.config.model is not None:
-        options.say_cautions(plan.model, plan.config.model)
-        options.say_left_out(plan.model, plan.config.model)
+    if name := plan.config.model:
+        options.note(*plan.model.cautions(name), *plan.model.left_out("this command", name))
     done, total = 0, 0
     with progress.stage_bars() as show:
 

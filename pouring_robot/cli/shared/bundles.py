@@ -53,7 +53,7 @@ class Which:
         if self.robot is not None:
             return RobotModel.for_robot(self.robot)
         model = RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)
-        options.say_cautions(model, self.model)
+        options.note(*model.cautions(str(self.model)))
         return model
 
     def built(self, *, warm: bool = False, under: bool = False) -> Robot:
@@ -64,7 +64,7 @@ class Which:
         from pouring_robot.robot.pouring_robot import robot_of
 
         present = self.read()
-        options.say_left_out(present, self.model, warm=warm, under=under)
+        options.note(*present.left_out("this command", str(self.model), warm=warm, under=under))
         return robot_of(present)
 
 

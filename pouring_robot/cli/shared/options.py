@@ -24,7 +24,6 @@ from pouring_robot.exceptions import BadInputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Robot
 
@@ -198,22 +197,11 @@ def refuse_conditional(robot: Robot, option: str) -> None:
         )
 
 
-def say_cautions(model: RobotModel, file: Path | str | None) -> None:
-    """Say on standard error why a model file is not to be used."""
-    for line in model.cautions(str(file)):
-        note(line)
-
-
-def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
-    """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
-    for line in model.left_out("this command", str(file), warm=warm, under=under):
-        note(line)
-
-
-def note(line: str) -> None:
-    """Print a note on standard error, unless nothing but errors and JSON is to be printed."""
+def note(*lines: str) -> None:
+    """Print notes on standard error, unless nothing but errors and JSON is to be printed."""
     if not QUIET.get():
-        print(f"note: {line}", file=sys.stderr)
+        for line in lines:
+            print(f"note: {line}", file=sys.stderr)
 
 
 def print_json(content: Any) -> None:
