@@ -131,32 +131,23 @@ def _parsed(text: str) -> Any:
     return YAML(typ="rt").load(text)
 
 
-def _line_of(content: Any, location: Sequence[str | int]) -> int | None:
-    """Return the 1-based line of the deepest part of ``location`` that the file holds."""
-    line: int | None = None
-    for key in location:
-        if isinstance(content, CommentedMap) and key in (content.lc.data or {}):
-            line = int(content.lc.key(key)[0]) + 1
-        elif isinstance(content, CommentedSeq) and isinstance(key, int) and key < len(content):
-            line = int(content.lc.item(key)[0]) + 1
-        elif not (isinstance(content, CommentedMap) and key in content):  # a key merged in by << has no line of its own
-            break
-        content = content[key]
-    return line
+def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> tuple[list[str | int], int | None]:
+    """Return a place of pydantic's as the file has it, without what it says in between of the types that it tried.
 
-
-def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> list[str | int]:
-    """Return a place of pydantic's as the file has it: without what it says in between of the types that it tried.
-
-    ``missing`` says whether its last part is a key that the file does not have.
+    Beside it the 1-based line of its deepest part that has any. ``missing`` says whether its last part is a key that
+    the file does not have.
     """
-    found = list[str | int]()
+    found, line = list[str | int](), None
     parts: Any = location[: len(location) - missing]
     for key in parts:
         if key in content if isinstance(content, Mapping) else isinstance(key, int):
             found.append(key)
+            if isinstance(content, CommentedSeq):
+                line = int(content.lc.item(key)[0]) + 1
+            elif isinstance(content, CommentedMap) and key in (content.lc.data or {}):  # one merged in by << is not
+                line = int(content.lc.key(key)[0]) + 1
             content = content[key] if isinstance(content, Mapping | list) else None
-    return [*found, *location[len(location) - missing :]]
+    return [*found, *location[len(location) - missing :]], line
 
 
 def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> list[str]:
@@ -180,7 +171,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
         key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
     )
     first, *others = errors
-    location = _in_the_file(content, first["loc"], first["type"] == "missing")
+    location, line = _in_the_file(content, first["loc"], first["type"] == "missing")
     where = ".".join(str(part) for part in location)
     if first["type"] == "extra_forbidden":
         near = difflib.get_close_matches(str(location[-1]), _known_keys(model, location[:-1]), n=1)
@@ -191,7 +182,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
         given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
         said = first["msg"].removeprefix("Value error, ")
         message = f"'{where}': {said}{given}" if where else said
-    return message + (f" (and {len(others)} more)" if others else ""), _line_of(content, location)
+    return message + (f" (and {len(others)} more)" if others else ""), line
 
 
 def validate(model: type[FileModel], content: Mapping[str, Any], path: Path | str) -> FileModel:
