@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -151,6 +151,12 @@ def csv_text(headings: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows([headings, *rows])
     return stream.getvalue()
+
+
+def rows_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows by heading as CSV; a cell that a row lacks is empty."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return csv_text(names, ([row.get(name) for name in names] for row in rows))
 
 
 def _number(cell: Any) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_together
-from pouring_robot.io.tables import csv_text
+from pouring_robot.io.tables import rows_csv
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
@@ -193,7 +193,7 @@ class SensitivityReport(Result):
         from pouring_robot.sensitivity.samples import box_plots, distributions
 
         files: dict[Path, str | bytes] = {
-            folder / "sensitivity.csv": csv_text(self.rows[0], (row.values() for row in self.rows)),
+            folder / "sensitivity.csv": rows_csv(self.rows),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",
         }
         plots: list[Plot] = []

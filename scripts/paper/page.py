@@ -16,7 +16,7 @@ from rich.text import Text
 
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import write_together
-from pouring_robot.io.tables import csv_text
+from pouring_robot.io.tables import rows_csv
 from scripts.paper.claims import Claim
 
 _WIDTH = 120
@@ -137,8 +137,3 @@ def claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) ->
         reasons = Text(claim.reasons)
         table.add_row(*cells) if short else table.add_row(Text(claim.source), *cells, reasons)
     return table
-
-
-def rows_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows with the same keys as CSV."""
-    return csv_text(rows[0], (row.values() for row in rows))

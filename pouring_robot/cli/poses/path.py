@@ -40,6 +40,7 @@ def path(
     """
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations as places
+    from pouring_robot.io.tables import rows_csv
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.location_figures import location_figures
 
@@ -68,7 +69,8 @@ def path(
     notes += (*conditions, *warm.twice_lines(present, warmth))
     notes += drawing.warm_notes(locations, present.model) if heated else []
     rows = [_row(location) for location in locations]
-    written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
+    written = options.written(out, lambda: rows_csv(rows))
+    written += drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
         return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
     if first := found[0].warm:
@@ -90,6 +92,7 @@ def _at_once(
     """Say where the ladle is for all poses by the compiled engine."""
     import numpy as np
 
+    from pouring_robot.io.tables import rows_csv
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -111,7 +114,7 @@ def _at_once(
         _posed(pose) | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
-    written = _write(out, rows)
+    written = options.written(out, lambda: rows_csv(rows))
     joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
     written += drawing.write_joints(joints)
     notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model) if joints and heat else []
@@ -144,13 +147,6 @@ def _error(shift: Any, turn: Any) -> Row:
         "error_mm": float(sum(shift**2) ** 0.5),
         **{f"error_r{axis}_mrad": float(value) for axis, value in zip("xyz", turn, strict=True)},
     }
-
-
-def _write(out: Path | None, rows: list[Row]) -> list[Path]:
-    from pouring_robot.io.tables import csv_text
-
-    names = _names(rows)
-    return options.written(out, lambda: csv_text(names, ([row.get(name) for name in names] for row in rows)))
 
 
 def _names(rows: list[Row]) -> list[str]:

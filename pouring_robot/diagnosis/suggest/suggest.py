@@ -16,7 +16,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
-from pouring_robot.io.tables import csv_text
+from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -112,9 +112,7 @@ class Suggestion:
 
     def plan_text(self) -> str:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
-        rows = [m.plan_row(k + 1) for k, m in enumerate(self.measurements)]
-        names = dict.fromkeys(name for row in rows for name in row)
-        return csv_text(names, ([row.get(name) for name in names] for row in rows))
+        return rows_csv([m.plan_row(k + 1) for k, m in enumerate(self.measurements)])
 
     def as_dict(self) -> dict[str, Any]:
         """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""

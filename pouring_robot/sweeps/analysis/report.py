@@ -12,7 +12,7 @@ import numpy as np
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.io.tables import csv_text
+from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -90,10 +90,10 @@ class SweepReport(Result):
         Raises:
             OutputError: the folder cannot be written to.
         """
-        rows, figure = self._table(), study_figure(self)
+        figure = study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
-            RANKING: csv_text(rows[0], (row.values() for row in rows)),
+            RANKING: rows_csv(self._table()),
             PICTURE: png_of(figure),
             PAGE: html_report(self, {"all figures": SUMMARY, "the ranking": RANKING}),
         }

@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from pouring_robot.io.tables import rows_csv
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import png_of
 from pouring_robot.sensitivity.samples import box_plots, distributions
@@ -21,7 +22,7 @@ from scripts.paper.geometry.plots import mark, open_against_closed
 from scripts.paper.geometry.shape_claims import SHAPE_CLAIMS
 from scripts.paper.geometry.size_claims import SIZE_CLAIMS
 from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, PILE_M, GeometryStudy
-from scripts.paper.page import PaperReport, claims_table, rows_csv, tally
+from scripts.paper.page import PaperReport, claims_table, tally
 
 _CLOSED = "four chains hold the platform: an error acts through all of them, and only the lean of the legs holds Y"
 
