@@ -79,7 +79,9 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
     "what a larger cause does if its size varies is no cause": lambda: _put(diagnosing, "varied", lambda *_: []),
-    "scatter is judged under a larger noise": lambda: _put(decision, "_as_noise", lambda _, found: found),
+    "scatter is judged under a larger noise": lambda: _put(
+        decision, "_as_noise", lambda discrepancy, found: (found, discrepancy)
+    ),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
     "effects that cancel are refused": lambda: _put(
         diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)
@@ -118,10 +120,16 @@ def _without(choice: str) -> None:
 
 
 def trials_without(choice: str, work: Sequence[Job], workers: int) -> dict[str, Trial]:
-    """Return the trials of all jobs with a choice switched off ("" for none), by name."""
+    """Return the trials of all jobs with a choice switched off ("" for none), by name; RuntimeError where one crashes.
+
+    What switches it off does not fit what it replaces any more then, which costs the choice nothing.
+    """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _without, (choice,)) as pool:
-        return {f"{t.name} {t.excluded}": t for found in pool.map(run, work) for t in found}
+        trials = {f"{t.name} {t.excluded}": t for found in pool.map(run, work) for t in found}
+    if crashed := [f"{name}: {t.refused}" for name, t in trials.items() if t.refused.startswith("crash")]:
+        raise RuntimeError(f"without '{choice}' {crashed[0]}")
+    return trials
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
