@@ -160,6 +160,7 @@ def test_a_robot_as_built_that_closes_nowhere_has_no_error_of_its_own_that_is_kn
     model = {"format": "pouring_robot/model/1", "layout": "paper", "joint_placements": placements}
     (tmp_path / "far_off.yaml").write_text(yaml.safe_dump(model))
     changes = {"layout": None, "model": "far_off.yaml", "study": "one_at_a_time", "samples": None}
+    changes["errors"] = [{"parameters": "leg1_s1.tx", "half_width_mm": 0.1}]
     config = write(tmp_path, poses={"grid": {}}, **changes)
     assert main(["sweep", str(config), "--out", str(tmp_path / "one"), "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["own_error_mm"] is None
