@@ -16,7 +16,13 @@ from pouring_robot.calibration.findings import (
     parameter_lines,
 )
 from pouring_robot.calibration.plots import plots
-from pouring_robot.calibration.summary import calibration_metrics, next_measurements, notes_of, warnings_of
+from pouring_robot.calibration.summary import (
+    calibration_metrics,
+    next_measurements,
+    notes_of,
+    warnings_of,
+    warnings_of_the_model,
+)
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.mechanism.arrays import Z95
@@ -219,9 +225,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, o
 
 def described(calibration: CalibrationFindings) -> RobotModel:
     """Return the calibrated model with a description that says how good it is, warnings first."""
-    told = [*warnings_of(calibration), *notes_of(calibration)]
-    warnings = [line for line in told if any(words in line for words in ("deficient", "do not use", "heat section"))]
-    said = [f"{line[0].upper()}{line[1:]}." for line in warnings]
+    said = [f"{line[0].upper()}{line[1:]}." for line in warnings_of_the_model(calibration)]
     said += [calibration.headline, f"Calibrated with {calibration.campaign.path.name}."]
     if calibration.present.description:
         said.append(f"Before: {calibration.present.description}")

@@ -41,18 +41,8 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
         )
     elif not calibration.changed:
         found.append("no parameter helped rows that were held out, so the model is unchanged")
-    unseen = calibration.rank_anywhere - calibration.base.rank
-    if calibration.changed and unseen > 0:
-        found.append(
-            f"rank deficient: these poses do not show {unseen} of {calibration.rank_anywhere} combinations of "
-            "parameters that other poses would show; tolerances alone decide along them, so do not trust the model far "
-            "from the poses measured: measure the plan that is suggested next, and calibrate again"
-        )
-    if calibration.present.heat is not None:
-        found.append(
-            "the heat section of the model took no part, it stays in the file as it was: right if the robot was cold "
-            "when it was measured; if it was warm, its growth is in the geometry now and must not be counted again"
-        )
+    found += _not_shown(calibration)
+    found += _cold(calibration)
     times = _times_the_tolerances(calibration)
     if times > 1.0:
         found.append(
@@ -75,30 +65,16 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "
             "deviations, so intervals are rough"
         )
-    if calibration.fit.equations.failed.size:
-        found.append(
-            f"{calibration.fit.equations.failed.size} rows have drives that no pose of the robot has; left out"
-        )
-    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    worse = _moved(before, after, WORSE)
-    if worse:
-        found.append(f"worse on held-out rows: {worse}; do not use this model")
-    return found
+    if failed := calibration.fit.equations.failed.size:
+        found.append(f"{failed} rows have drives that no pose of the robot has; left out")
+    return [*found, *_worse(calibration)]
 
 
 def notes_of(calibration: CalibrationFindings) -> list[str]:
     """Return what is as it should be, but must be known to read the figures; one line each."""
     if not calibration.changed:
         return [*calibration.untold]
-    found, names = [*calibration.untold], calibration.base.names
-    never = len(names) - calibration.rank_anywhere
-    if never:
-        seen = {"full poses": "full pose"}.get(calibration.campaign.seen, "position")
-        found.append(
-            f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) move the {seen} of "
-            "the target nowhere in the workspace; no further measurement tells them and predicting the target needs "
-            "none of them; tolerances share the movement out among the names that are tied together"
-        )
+    found = [*calibration.untold, *_shown_nowhere(calibration)]
     lines = parameter_lines(calibration)
     held = [line.name for line in lines if line.learnt < LEARNT]
     if held:
@@ -114,6 +90,49 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
             "names of what moved"
         )
     return found
+
+
+def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:
+    """Return those of the warnings and notes that whoever uses the calibrated model must know."""
+    nowhere = _shown_nowhere(calibration) if calibration.changed else []
+    return [*_not_shown(calibration), *_cold(calibration), *_worse(calibration), *nowhere]
+
+
+def _not_shown(calibration: CalibrationFindings) -> list[str]:
+    unseen = calibration.rank_anywhere - calibration.base.rank
+    if not calibration.changed or unseen <= 0:
+        return []
+    return [
+        f"rank deficient: these poses do not show {unseen} of {calibration.rank_anywhere} combinations of "
+        "parameters that other poses would show; tolerances alone decide along them, so do not trust the model far "
+        "from the poses measured: measure the plan that is suggested next, and calibrate again"
+    ]
+
+
+def _shown_nowhere(calibration: CalibrationFindings) -> list[str]:
+    names = calibration.base.names
+    never = len(names) - calibration.rank_anywhere
+    seen = {"full poses": "full pose"}.get(calibration.campaign.seen, "position")
+    line = (
+        f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) move the {seen} of "
+        "the target nowhere in the workspace; no further measurement tells them and predicting the target needs "
+        "none of them; tolerances share the movement out among the names that are tied together"
+    )
+    return [line] if never else []
+
+
+def _cold(calibration: CalibrationFindings) -> list[str]:
+    line = (
+        "the heat section of the model took no part, it stays in the file as it was: right if the robot was cold "
+        "when it was measured; if it was warm, its growth is in the geometry now and must not be counted again"
+    )
+    return [line] if calibration.present.heat is not None else []
+
+
+def _worse(calibration: CalibrationFindings) -> list[str]:
+    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
+    worse = _moved(before, after, WORSE)
+    return [f"worse on held-out rows: {worse}; do not use this model"] if worse else []
 
 
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:

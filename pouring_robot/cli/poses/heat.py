@@ -66,7 +66,12 @@ class ThermalLaw:
 
     def print_sum(self, pose: Command, parts: dict[str, list[float]]) -> None:
         """Print it beside the full closure."""
-        rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
+        from pouring_robot.robot.location_figures import decimals
+
+        rows = [
+            (name.replace("_", " "), *(decimals(value, 3, sign=True) for value in shift))
+            for name, shift in parts.items()
+        ]
         # A title of the table would be broken at the table's width.
         say(f"the paper's sum for the platform, mm; {self.words(pose)}", style="italic")
         print_table(("", "x", "y", "z"), rows)
