@@ -34,6 +34,7 @@ def test_impossible_heat_is_refused(as_built):
     assert "melt_degC" in ask(bench, {"melt_degC": -300.0, "after_min": 10.0})["refused"]
 
 
+@pytest.mark.filterwarnings("ignore:PouringRobot takes the robot cold")
 def test_a_melt_of_zero_degrees_is_one(as_built):
     cold = PouringRobot(as_built.model.model_copy(update={"heat": HeatSection(melt_degC=0.0)}))
     bench = PouringBench(cold, cold.location_in_the_middle())
