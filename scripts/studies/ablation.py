@@ -2,6 +2,7 @@
 
     python -m scripts.studies.ablation --wide --cases 40 --seed 90             # the repository's rig, from shop to shop
     python -m scripts.studies.ablation --folder DIR --without "bent effects"   # campaigns with truth.json, one choice
+    python -m scripts.studies.ablation --arm                                   # what is said of a real arm
 
 Each row is one choice: how many trials say what they should with it switched off, and which ones it lost and won
 against the diagnosis as it is. A choice that loses nothing here is not shown to be needed.
@@ -17,11 +18,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import state
 from pouring_robot.diagnosis.problem import known_effects
 from pouring_robot.diagnosis.processes import processes_of
@@ -65,6 +68,14 @@ def _one_length() -> None:
     _put(diagnosing, "processes_of", first)
 
 
+ARM = Path(__file__).resolve().parents[2] / "examples" / "machines" / "ur10"
+PARTS = [
+    ("series_c", 0, 1),
+    ("series_a", 0, 1),
+    *(("series_c", k, 2) for k in (0, 1)),
+    *(("series_a", k, 3) for k in range(3)),
+]
+"""Series of the real arm with the first row and every how many-th row is taken."""
 CHOICES: dict[str, Callable[[], None]] = {
     "amplitudes averaged over": lambda: _put(evidence, "LOG_SCALES", np.zeros(1)),
     "a scale of its own for what shapes": lambda: _put(evidence, "SHAPINGS", np.ones(1)),
@@ -132,13 +143,38 @@ def trials_without(choice: str, work: Sequence[Job], workers: int) -> dict[str, 
     return trials
 
 
+def said_of(part: tuple[str, int, int]) -> str:
+    """Return what is said of every so many-th row of a series of the real arm, from the first on."""
+    series, first, every = part
+    campaign = Campaign.read(ARM / f"{series}.csv", ARM / "robot.yaml")
+    found = diagnosing.diagnose(campaign.subset(np.arange(first, len(campaign), every)), ARM / "robot.yaml")
+    return " ".join([found.verdict, *sorted(f"{e.cause.effect} ({e.cause.size:.1f})" for e in found.effects)])
+
+
+def print_arm(choices: Sequence[str], workers: int) -> None:
+    """Print what is said of each part of the arm's series, and what changes with a choice switched off."""
+    usual: list[str] = []
+    for choice in ("", *choices):
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _without, (choice,)) as pool:
+            found = list(pool.map(said_of, PARTS))
+        usual = usual or found
+        for (series, first, every), now, before in zip(PARTS, found, usual, strict=True):
+            if not choice or now != before:
+                sys.stdout.write(f"{choice or 'as it is'} | {series} {first}::{every} | {now}\n")
+        sys.stdout.flush()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line a choice."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, parents=[campaigns()]
     )
     parser.add_argument("--without", action="append", choices=CHOICES, help="only this choice; may be repeated")
+    parser.add_argument("--arm", action="store_true", help="of series of a real arm and parts of them: what is said")
     options = parser.parse_args(arguments)
+    if options.arm:
+        print_arm(options.without or list(CHOICES), options.workers)
+        return 0
     work = jobs(options)
     usual = trials_without("", work, options.workers)
     right = _right(usual)
