@@ -1,7 +1,7 @@
 """The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +21,6 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
 """Of one answer, between two searches and at the end; most stay after one or two."""
-_PATIENCE, _NEARER = 5, 0.5
-"""In so many steps the least that an answer moves by falls to this share: one that goes to and fro will not stay."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
@@ -115,10 +113,10 @@ class Diagnoser:
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             keys = hypothesis.keys
-            moves: list[float] = []
-            while _goes_on(moves, _STEPS, _SETTLED):  # here, so that the first states are let go, of many rows large
+            for _ in range(_STEPS):  # here, so that the first states are let go, of many rows large
                 state, hypothesis, moved = self._stepped(state, hypothesis)
-                moves.append(moved)
+                if moved < _SETTLED:
+                    break
             hypothesis = hypothesis.on(self.problem_at(state))
             hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
             if hypothesis.keys == keys:
@@ -127,10 +125,10 @@ class Diagnoser:
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
-        moves: list[float] = []
-        while _goes_on(moves, _MOST_STEPS, _EXACT):
+        for _ in range(_MOST_STEPS):
             state, hypothesis, moved = self._stepped(state, hypothesis)
-            moves.append(moved)
+            if moved < _EXACT:
+                break
         return state, hypothesis.on(self.problem_at(state))
 
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
@@ -212,14 +210,6 @@ class Diagnoser:
         if not parameters:
             return np.zeros(linear.residual.size)
         return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
-
-
-def _goes_on(moves: Sequence[float], most: int, close: float) -> bool:
-    """Return whether an answer is to be put in once more, from how far it moved each time."""
-    if not moves:
-        return True
-    nearer = len(moves) <= _PATIENCE or min(moves[-_PATIENCE:]) < _NEARER * min(moves[:-_PATIENCE])
-    return moves[-1] >= close and len(moves) < most and nearer
 
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
