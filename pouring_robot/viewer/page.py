@@ -71,7 +71,7 @@ def _viewer_script() -> str:
 
 def page_content(scene: Scene) -> Content:
     """Return everything that the script of a page draws."""
-    shapes: list[Shape] = []
+    shapes: dict[Shape, int] = {}
     robots = [_robot(scene, robot, shapes) for robot in scene.robots]
     points = outline(scene)
     camera = scene.camera or camera_around(points)
@@ -99,7 +99,6 @@ def film(scene: Scene) -> Content:
         "arrows": [_arrows(item) for item in scene.arrows],
         "steps": [{"label": step.label, "caption": step.caption} for step in scene.steps],
         "at": at.tolist(),
-        "axis": scene.axis,
         "curves": [
             {"unit": c.unit, "values": [v if np.isfinite(v) else None for v in c.values.tolist()], "colour": c.colour}
             for c in scene.curves
@@ -107,25 +106,21 @@ def film(scene: Scene) -> Content:
     }
 
 
-def _robot(scene: Scene, robot: SceneRobot, shapes: list[Shape]) -> Content:
-    """Return what of a robot never changes; new shapes go to the end of the list."""
+def _robot(scene: Scene, robot: SceneRobot, shapes: dict[Shape, int]) -> Content:
+    """Return what of a robot never changes; shapes are numbered in the order in which they are met."""
     visuals = []
     colours = colours_at(scene, robot, scene.first).tolist()
     for item, colour in zip(robot.visual.geometryObjects, colours, strict=True):
-        shape = shape_of(item)
-        number = next((k for k, known in enumerate(shapes) if known is shape), len(shapes))
-        if number == len(shapes):
-            shapes.append(shape)
         visuals.append(
             {
                 "name": item.name,
                 "body": item.parentJoint,
-                "shape": number,
+                "shape": shapes.setdefault(shape_of(item), len(shapes)),
                 "matrix": item.placement.homogeneous.T.ravel().tolist(),  # column by column, as three.js reads it
                 "colour": colour,
             }
         )
-    return {"name": robot.name, "opacity": robot.opacity, "choice": robot.choice, "visuals": visuals}
+    return {"name": robot.name, "opacity": robot.opacity, "visuals": visuals}
 
 
 def _places(scene: Scene, robot: SceneRobot) -> Content:

@@ -34,7 +34,7 @@ _ROUND_SECTIONS = 40
 """Sides of the prism that stands for a cylinder."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A surface of triangles in its own frame."""
 
@@ -66,7 +66,7 @@ def shape_of(item: pin.GeometryObject) -> Shape:
     geometry = item.geometry
     match geometry:
         case coal.Box():
-            return _made(_box, *(2.0 * geometry.halfSide).tolist())
+            return _made(trimesh.creation.box, tuple((2.0 * geometry.halfSide).tolist()))
         case coal.Cylinder():
             return cylinder(geometry.radius, 2.0 * geometry.halfLength)
         case coal.Capsule():
@@ -85,12 +85,8 @@ def cylinder(radius: float, length: float) -> Shape:
     return _made(trimesh.creation.cylinder, radius, length, _ROUND_SECTIONS)
 
 
-def _box(*sides: float) -> Any:
-    return trimesh.creation.box(sides)
-
-
 @lru_cache(maxsize=256)
-def _made(make: Callable[..., Any], *sizes: float) -> Shape:
+def _made(make: Callable[..., Any], *sizes: float | tuple[float, ...]) -> Shape:
     """Return the shape of a solid that trimesh makes, its middle in the origin: releases put a capsule's elsewhere."""
     body = make(*sizes)
     body.apply_translation(-body.bounds.mean(axis=0))
