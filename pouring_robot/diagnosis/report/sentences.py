@@ -1,7 +1,7 @@
 """A diagnosis in sentences that a shop floor understands."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.estimation.instruments import component_name
+from pouring_robot.estimation.instruments import Kind, component_name, unit_of
 from pouring_robot.exceptions import some
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
@@ -104,30 +104,27 @@ def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
 def gap_sentence(diagnosis: Conclusions) -> str:
     """Return the gap before and after in one sentence: of held-out rows where there are any."""
     name, gap = diagnosis.shown_gap
-    before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
-    turn, left_turn, least_turn = (gap.rotation(which) / MRAD for which in ("before", "after", "floor"))
-    rotated = math.isfinite(turn)
-    parts = [(before, after, floor, "mm", f" RMS a {gap.length}")] if math.isfinite(before) else []
-    parts += [(turn, left_turn, least_turn, "mrad", "" if parts else " RMS a component")] if rotated else []
-    said = [
-        f"{was:.3f} {unit}{of}, noise {least:.3f} {unit}"
-        if diagnosis.refused
-        else f"{was:.3f} {unit}{of} before, {left:.3f} {unit} after, noise {least:.3f} {unit}"
-        for was, left, least, unit, of in parts
-    ]
+    said, sizes = list[str](), _sizes(gap)
+    for kind, (before, after, floor) in sizes.items():
+        unit, si = unit_of(kind)
+        of = "" if said else f" RMS a {gap.length if kind == 'position' else 'component'}"
+        then = "" if diagnosis.refused else f" before, {after / si:.3f} {unit} after"
+        said.append(f"{before / si:.3f} {unit}{of}{then}, noise {floor / si:.3f} {unit}")
     text = f"{name[0].upper()}{name[1:]}{diagnosis.noise.unseen(gap.seen)}: {'; '.join(said)}"
     if diagnosis.refused:
         return f"{text}. The model is not amended."
-    return f"{text}{_closed_text(diagnosis, gap)}.{_in_turn_text(diagnosis)}"
+    return f"{text}{_closed_text(diagnosis, sizes)}.{_in_turn_text(diagnosis)}"
 
 
-def _closed_text(diagnosis: Conclusions, gap: Gap) -> str:
+def _sizes(gap: Gap) -> dict[Kind, list[float]]:
+    """Return the gap before and after, and the noise, in m or rad, of positions and rotations where there are any."""
+    of: dict[Kind, Callable[[str], float]] = {"position": gap.position, "rotation": gap.rotation}
+    sizes = {kind: [size(which) for which in ("before", "after", "floor")] for kind, size in of.items()}
+    return {kind: size for kind, size in sizes.items() if math.isfinite(size[0])}
+
+
+def _closed_text(diagnosis: Conclusions, sizes: Mapping[Kind, Sequence[float]]) -> str:
     """Return how much of the gap is closed, in position or else in rotation; "" where there hardly is one."""
-    sizes = {
-        kind: [size(which) for which in ("before", "after", "floor")]
-        for kind, size in (("position", gap.position), ("rotation", gap.rotation))
-        if math.isfinite(size("before"))
-    }
     clear = [kind for kind, (before, _, floor) in sizes.items() if before > _GAP * floor]
     if not clear or diagnosis.verdict == "no_gap":
         return ""
