@@ -48,17 +48,15 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
     for item in found:
         of_drive = item.process.where in {drive.words for drive in given.robot.drives}
         kinds.setdefault((item.process.by, of_drive), []).append(item)
-    findings = []
+    findings, total = [], float(data.cleared @ data.cleared)
     for together in kinds.values():
+        part = np.sum([item.part for item in together], axis=0)
         others = [item for item in found if item is not together[0]]
         rivals = [by for by in discrepancy.rivals(together[0], others) if by not in (CHANCE, together[0].process.by)]
         bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
-        findings.append(_finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes)))
-    total = float(data.cleared @ data.cleared)
-    parts = [np.sum([item.part for item in together], axis=0) for together in kinds.values()]
-    shares = [float(part @ part) / total for part in parts]
-    ranked = sorted(zip(shares, findings, strict=True), key=lambda pair: -pair[0])
-    return [replace(finding, share=share) for share, finding in ranked]
+        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes))
+        findings.append(replace(finding, share=float(part @ part) / total))
+    return sorted(findings, key=lambda finding: -finding.share)
 
 
 def _finding(
