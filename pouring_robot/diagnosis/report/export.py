@@ -10,7 +10,6 @@ from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
-from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, refuse_present, write_together
@@ -36,7 +35,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     with beside(lambda: _plots(diagnosis)) as drawn:
         files[folder / MODEL] = described(diagnosis).file_text(folder)
         metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
-        ladles = _ladles(diagnosis, folder)
+        ladles = _ladles(diagnosis)
         pictures = drawn()
     if ladles:
         files[folder / LADLES] = ladles
@@ -61,20 +60,13 @@ def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     return plots(diagnosis)
 
 
-def _ladles(diagnosis: Conclusions, folder: Path) -> str:
-    """Return the page of the ladles, "" where there is none.
-
-    Raises:
-        OutputError: a visual of the robot cannot be drawn.
-    """
+def _ladles(diagnosis: Conclusions) -> str:
+    """Return the page of the ladles, "" where there is none."""
     from pouring_robot.diagnosis.report.scene import ladle_scene
     from pouring_robot.viewer.page import page
 
-    try:
-        scene = ladle_scene(diagnosis)
-        return page(scene) if scene is not None else ""
-    except DescriptionError as error:
-        raise OutputError(folder, error.problem) from error
+    scene = ladle_scene(diagnosis)
+    return page(scene) if scene is not None else ""
 
 
 def described(diagnosis: Conclusions) -> RobotModel:

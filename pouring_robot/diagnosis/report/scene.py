@@ -38,7 +38,7 @@ _STATE_TINTS: dict[str, Colour] = {
 }
 _MOST_ARROWS = 150
 _NOISE = 30.0
-"""A gap of so many standard deviations is drawn as large as may be: noise is then some millimetres."""
+"""A gap of so many standard deviations is drawn as large as may be: mere noise, some millimetres then, is no gap."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -197,14 +197,14 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
         )
         if axis
         else (),
-        exaggeration=_factor(max(float(size[rows].max()) for size in sizes.values()), against),
+        exaggeration=exaggeration_for(max(_NOISE * _noise_m(against), *(float(s[rows].max()) for s in sizes.values()))),
     )
 
 
-def _factor(largest_m: float, against: CampaignRows) -> float:
-    """Return how many times gaps are enlarged: to be seen, but never so much that mere noise looks like one."""
-    known = against.noise["position"].source not in ("residuals", "none")
-    return exaggeration_for(max(largest_m, _NOISE * against.noise.position_m if known else 0.0))
+def _noise_m(against: CampaignRows) -> float:
+    """Return the noise of a coordinate, in m; 0 where it is not known."""
+    noise = against.noise["position"]
+    return noise.sigma if noise.source not in ("residuals", "none") else 0.0
 
 
 def _taken_apart(
@@ -228,11 +228,10 @@ def _caption(
     words: str, against: CampaignRows, row: int, sizes_m: dict[str, FloatArray]
 ) -> tuple[tuple[str, str], ...]:
     """Return what a row says of every state, at the working frame."""
-    campaign, noise = against.campaign, against.noise
+    campaign, noise = against.campaign, _noise_m(against)
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
     off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
-    known = noise["position"].source not in ("residuals", "none")
-    more = [("noise of a coordinate", f"{noise.position_m / MM:.3g} mm")] if known else []
+    more = [("noise of a coordinate", f"{noise / MM:.3g} mm")] if noise else []
     if not campaign.full_pose:
         more.append(("measured", "rotations are the model's: only positions were measured"))
     return (where, *off, *more)
