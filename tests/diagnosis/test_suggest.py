@@ -10,7 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.report.sentences import measurement_text, next_lines
+from pouring_robot.diagnosis.report.sentences import next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
 from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
@@ -58,7 +58,7 @@ def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
     one = SuggestedMeasurement(robot.model.definition, pose, drives, {"approach_q1": 1.0}, 2.0, 1, names, 3.0)
     (tmp_path / "next.csv").write_text(Suggestion((one,), (), 3.0).plan_text(), encoding="utf-8")
     np.testing.assert_allclose(read_plan(tmp_path / "next.csv", robot).drives, [drives], rtol=0, atol=1e-8)
-    assert measurement_text(one).startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ")
+    assert one.words.startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ")
 
 
 def test_worth_between_two_means_is_half_the_squared_distance():

@@ -9,10 +9,8 @@ from pouring_robot.diagnosis.report.sentences import (
     gap_sentence,
     gap_table,
     headline,
-    measurement_text,
     plain,
     sections,
-    tells_most,
     worse_sentence,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
@@ -55,7 +53,7 @@ def html_report(
     for effect in effects:
         blocks += _effect(diagnosis, effect)
     blocks += [Heading("Pictures"), *others]
-    suggested = tells_most(diagnosis)
+    suggested = diagnosis.suggestion.best_first
     if suggested:
         blocks += [Heading("Measurements that tell most"), Paragraph(_ADDED), _measurements(diagnosis, suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
@@ -119,7 +117,7 @@ def _measurements(diagnosis: Conclusions, suggested: list[SuggestedMeasurement])
             (
                 m.plan_row(planned.index(m) + 1)["sample"],
                 f"{m.nats:.1f}",
-                measurement_text(m),
+                m.words,
                 f"{m.hours_later:.1f}",
                 " / ".join(m.separates),
                 str(m.rank),

@@ -12,12 +12,9 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import FEWEST_VALUES, Gap, share_closed
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
-from pouring_robot.diagnosis.suggest.candidates import in_mm_deg
-from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE, SuggestedMeasurement
+from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.base import value_and_half_width
-from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.facts import facts_of, sources
-from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import Kind, component_name, unit_of
 from pouring_robot.exceptions import some
 from pouring_robot.inference.decision import Cause
@@ -362,7 +359,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     if not suggestion.measurements:
         return []
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
-    best, told = tells_most(diagnosis), some(pairs, _SHOWN_PAIRS)
+    best, told = suggestion.best_first, some(pairs, _SHOWN_PAIRS)
     gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
     odds = f"({LITTLE_NATS:g} nats: odds of 20)"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
@@ -377,46 +374,12 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
         f"{len(best)} measurements to tell {told}: {_nats_text(gain)} expected, "
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
-    return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
+    return lines + [f"  {m.words}" for m in best[:_SHOWN_MEASUREMENTS]]
 
 
 def _nats_text(nats: float) -> str:
     """Return evidence in words; beyond any doubt it is no use to say how far."""
     return f"{nats:.1f} nats" if nats < _BEYOND_DOUBT else f"more than {_BEYOND_DOUBT:g} nats"
-
-
-def tells_most(diagnosis: Conclusions) -> list[SuggestedMeasurement]:
-    """Return the suggested measurements, that which adds most first."""
-    return sorted(diagnosis.suggestion.measurements, key=lambda m: (-m.nats, m.rank))
-
-
-def measurement_text(measurement: SuggestedMeasurement) -> str:
-    """Return a suggested measurement in words: what to command, where that is, and the conditions."""
-    given, robot = measurement.conditions, measurement.robot
-    place = in_mm_deg(measurement.pose)
-    approaches = [name for name in approach_names(robot) if name in given]
-    x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
-    turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
-    at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
-    said = [f"{_drive_text(measurement)}, at {at}" if measurement.in_drives else f"{at}, {turn}"]
-    said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
-    told = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
-    for kind in causes_of(robot).thermometers:
-        if kind.hot_rise_k:
-            name, word = next(iter(kind.members.items()))
-            told.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
-    said += [f"{words} {given[name]:.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
-    return ", ".join(said)
-
-
-def _drive_text(measurement: SuggestedMeasurement) -> str:
-    """Return the commanded drives by the names of their columns, in mm and degrees."""
-    said = []
-    for drive, value in zip(measurement.robot.drives, measurement.drives, strict=True):
-        command = drive.commanded(value)
-        shown = f"{command / MM:.1f} mm" if drive.command == "length" else f"{math.degrees(command):.2f}°"
-        said.append(f"{drive.column} {shown}")
-    return ", ".join(said)
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:

@@ -1,5 +1,6 @@
 """What to measure next: poses and conditions that best tell apart the explanations a diagnosis leaves."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -12,8 +13,9 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates, in_mm_deg
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
-from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.conditions import LOAD, Conditions
 from pouring_robot.effects.facts import facts_of, held_still
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.io.tables import rows_csv
@@ -78,6 +80,35 @@ class SuggestedMeasurement:
             drives[f"{drive.column}_{unit}"] = round(float(drive.commanded(np.asarray(value))) / si, digits)
         return drives
 
+    @property
+    def words(self) -> str:
+        """What to command, where that is, and the conditions."""
+        given, robot = self.conditions, self.robot
+        place = in_mm_deg(self.pose)
+        x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
+        turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
+        at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
+        said = [f"{self._drive_words}, at {at}" if self.in_drives else f"{at}, {turn}"]
+        sides = [given[name] for name in approach_names(robot) if name in given]
+        said += [f"approached {''.join('+' if side > 0 else '-' for side in sides)}"] if sides else []
+        told = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
+        for kind in causes_of(robot).thermometers:
+            if kind.hot_rise_k:
+                name, word = next(iter(kind.members.items()))
+                told.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
+        said += [f"{words} {given[name]:.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
+        return ", ".join(said)
+
+    @property
+    def _drive_words(self) -> str:
+        """The commanded drives by the names of their columns, in mm and degrees."""
+        said = []
+        for drive, value in zip(self.robot.drives, self.drives, strict=True):
+            command = drive.commanded(value)
+            shown = f"{command / MM:.1f} mm" if drive.command == "length" else f"{math.degrees(command):.2f}°"
+            said.append(f"{drive.column} {shown}")
+        return ", ".join(said)
+
 
 @dataclass(frozen=True)
 class Separation:
@@ -104,6 +135,11 @@ class Suggestion:
     advice: tuple[str, ...] = ()  # what else would help, one line each
     seed: int = 0  # of the candidates and the random choices
     failed: str = ""  # why there is nothing; "" where that is no failure
+
+    @property
+    def best_first(self) -> list[SuggestedMeasurement]:
+        """The measurements, that which adds most first."""
+        return sorted(self.measurements, key=lambda m: (-m.nats, m.rank))
 
     @property
     def tells(self) -> bool:
