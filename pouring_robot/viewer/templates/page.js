@@ -222,7 +222,7 @@ $("legend").addEventListener("change", show);
 let told = null, told_at = 0;
 function tell() {  // words are painted by the page, which takes longer than the robot: while it plays, some times a second
   const k = Math.round(at), step = film.steps[k];
-  move_cursor();
+  if ($("cursor")) { $("cursor").style.left = `${100 * (place() - film.at[0]) / span}%`; }  // right at every size of the plot
   if (speed && performance.now() - told_at < 200) { return; }
   told_at = performance.now();
   $("scale").textContent = Math.abs(factor - 1) < 0.005 ? "drawn to scale" : `errors drawn ${+factor.toPrecision(2)} × larger`;
@@ -245,19 +245,15 @@ function tell() {  // words are painted by the page, which takes longer than the
 }
 
 const span = film.at[film.at.length - 1] - film.at[0] || 1;
-const across = k => 1000 * (film.at[k] - film.at[0]) / span;
 function draw_curves() {
   const box = $("curves");
   if (!box) { return; }
-  const shape = (tag, marks) => {
-    const made = document.createElementNS(box.namespaceURI, tag);
-    Object.entries(marks).forEach(([name, value]) => made.setAttribute(name, value));
-    return box.appendChild(made);
-  };
   for (const curve of film.curves) {
     const own = Math.max(...film.curves.filter(one => one.unit === curve.unit).flatMap(one => one.values), 1e-12);
-    const points = curve.values.map((value, k) => value === null ? "" : `${across(k)},${96 - 92 * value / own}`).join(" ");
-    shape("polyline", { points, stroke: rgb(curve.colour) });
+    const points = curve.values.map((value, k) => value === null ? "" : `${1000 * (film.at[k] - film.at[0]) / span},${96 - 92 * value / own}`);
+    const line = box.appendChild(document.createElementNS(box.namespaceURI, "polyline"));
+    line.setAttribute("points", points.join(" "));
+    line.setAttribute("stroke", rgb(curve.colour));
   }
   document.querySelectorAll("#keys small").forEach((cell, n) => {
     const { values, unit } = film.curves[n], [least, most] = [Math.min, Math.max].map(pick => pick(...values.filter(value => value !== null)));
@@ -272,10 +268,9 @@ function draw_curves() {
   box.addEventListener("pointermove", seek);
 }
 
-function move_cursor() {
-  if (!$("cursor")) { return; }
-  const low = Math.min(Math.floor(at), film.at.length - 2), x = across(low) + (at - low) * (across(low + 1) - across(low));
-  $("cursor").style.left = `${x / 10}%`;  // of the plot: right at every size of the window
+function place() {  // on the axis, of the moment that is shown
+  const low = Math.min(Math.floor(at), film.at.length - 2);
+  return film.at[low] + (at - low) * (film.at[low + 1] - film.at[low]);
 }
 
 function step_at(place) {  // the step, with its fraction, of a place on the axis
@@ -299,8 +294,7 @@ function play(now) {
     sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio()));
     if (software) { notice.textContent = `${Math.round(1000 / slow)} pictures a second: this browser draws without a graphics card`; }
   }
-  const low = Math.min(Math.floor(at), film.at.length - 2), place = film.at[low] + (at - low) * (film.at[low + 1] - film.at[low]);
-  const next = place + speed * Math.min(now - before, 200) / 1000;
+  const next = place() + speed * Math.min(now - before, 200) / 1000;
   before = now;
   go(next > film.at[film.at.length - 1] ? 0 : step_at(next));
   requestAnimationFrame(play);
