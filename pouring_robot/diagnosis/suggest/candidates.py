@@ -62,7 +62,6 @@ class Candidates:
 
     poses: tuple[pin.SE3, ...]  # n poses of the end body in the base
     drives: FloatArray  # (n, drives) in m and rad
-    hot: BoolArray  # whether the machine is hot, (n,)
     hours_later: FloatArray  # after the last row of the campaign, (n,)
     # (n, drives) +1 or -1, NaN of drives of which the campaign does not say it; None where it says it of none
     approach: FloatArray | None
@@ -128,7 +127,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
     sides = campaign.approach
     recorded = None if sides is None else np.where(np.isfinite(sides).any(axis=0), approach, np.nan)
-    return Candidates(poses, drives, hot, later, recorded, kept)
+    return Candidates(poses, drives, later, recorded, kept)
 
 
 def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: BoolArray) -> FloatArray:
