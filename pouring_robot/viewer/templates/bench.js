@@ -3,12 +3,6 @@
 const bench = content.bench, inputs = new Map(), errors = { ...bench.errors.values };
 let wish = null, asked = 0, moving = false, commanded = bench.groups[0].name;
 
-function element(tag, more, ...children) {
-  const made = Object.assign(document.createElement(tag), more);
-  made.append(...children);
-  return made;
-}
-
 function slider(own, chosen) {
   const limits = { min: own.lower, max: own.upper, step: "any", value: own.value };
   const range = element("input", { type: "range", ...limits }), number = element("input", { type: "number", ...limits });

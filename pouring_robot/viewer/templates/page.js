@@ -13,6 +13,12 @@ const figure = value => value.toFixed(Math.abs(value) < 100 ? 2 : 0);
 const rgb = colour => `rgb(${colour.map(value => Math.round(255 * value)).join(",")})`;
 const matrix = new three.Matrix4(), spin = new three.Quaternion(), turn = new three.Quaternion(), one = new three.Vector3(1, 1, 1);
 
+function element(tag, more, ...children) {
+  const made = Object.assign(document.createElement(tag), more);
+  made.append(...children);
+  return made;
+}
+
 function by_software() {  // without a graphics card smooth edges cost more than they are worth
   const gl = document.createElement("canvas").getContext("webgl"), asked = gl && gl.getExtension("WEBGL_debug_renderer_info");
   return Boolean(asked) && /swiftshader|llvmpipe|software/i.test(gl.getParameter(asked.UNMASKED_RENDERER_WEBGL));
@@ -113,8 +119,7 @@ function arrow(item) {
   const head = new three.ConeGeometry(1, 1, 12).rotateX(Math.PI / 2).translate(0, 0, 0.5);
   const parts = [shaft, head].map(shape => new three.InstancedMesh(shape, paint, item.count));
   parts.forEach(part => { part.renderOrder = 10; part.frustumCulled = false; root.add(part); });
-  const label = document.createElement("span");
-  label.className = "label";
+  const label = element("span", { className: "label" });
   label.style.color = rgb(item.colour);
   if (item.count === 1) { pane.appendChild(label); }
   return { ...item, parts, label, ends: floats(item.ends), tail: new three.Vector3(), tip: new three.Vector3() };
@@ -237,11 +242,8 @@ function tell() {  // words are painted by the page, which takes longer than the
   document.querySelectorAll("#steps button").forEach((button, n) => button.setAttribute("aria-pressed", n === k));
   if (told === step) { return; }
   told = step;
-  $("caption").replaceChildren(...step.caption.map(row => {
-    const line = document.createElement("tr");
-    line.append(...["th", "td"].map((tag, n) => Object.assign(document.createElement(tag), { textContent: row[n] })));
-    return line;
-  }));
+  $("caption").replaceChildren(...step.caption.map(([what, figure]) =>
+    element("tr", {}, element("th", { textContent: what }), element("td", { textContent: figure }))));
 }
 
 const span = film.at[film.at.length - 1] - film.at[0] || 1;
@@ -351,9 +353,7 @@ function light(x, y, z, distance) {
 try {
   start();
   for (const name of Object.keys(content.cameras)) {
-    const button = Object.assign(document.createElement("button"), { type: "button", textContent: name });
-    button.addEventListener("click", () => look(name));
-    $("views").append(button);
+    $("views").append(element("button", { type: "button", textContent: name, onclick: () => look(name) }));
   }
   look("all");
   show();
