@@ -1,6 +1,6 @@
 """How much model and measurement disagree: against the noise, by component, between repeats, by region."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -10,7 +10,7 @@ from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.estimation.noise import commands
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _FEWEST = 6
 _LARGER = 1.3
@@ -126,27 +126,23 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
 
 def _parts(given: Conditions) -> Iterator[tuple[str, BoolArray]]:
     x, y, z = given.position_m.T
-    height, tilt = _third(z), None if given.tilt_rad is None else _third(given.tilt_rad)
-    for k, high in enumerate(_HEIGHTS):
-        if height is not None:
-            yield high, height == k
-        for j, tilted in enumerate(_TILTS):
-            if height is not None and tilt is not None:
-                yield f"{high} and {tilted}", (height == k) & (tilt == j)
-    if tilt is not None:
-        for j, tilted in enumerate(_TILTS):
-            yield tilted, tilt == j
+    heights, tilts = _thirds(z, _HEIGHTS), {} if given.tilt_rad is None else _thirds(given.tilt_rad, _TILTS)
+    for high, there in heights.items():
+        yield high, there
+        yield from ((f"{high} and {tilted}", there & leaning) for tilted, leaning in tilts.items())
+    yield from tilts.items()
     for name, values in (("x", x), ("y", y)):
         if np.ptp(values) > 1e-6:
             yield f"at small {name}", values < np.median(values)
             yield f"at large {name}", values >= np.median(values)
 
 
-def _third(values: FloatArray) -> Indices | None:
-    """Return 0, 1 or 2 by thirds of the rows; None where the value hardly varies."""
+def _thirds(values: FloatArray, words: Sequence[str]) -> dict[str, BoolArray]:
+    """Return the thirds of the rows by a value, in its order, by their words; none where it hardly varies."""
     if np.ptp(values) < 0.02:
-        return None
-    return np.asarray(np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values))
+        return {}
+    third = np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values)
+    return {word: third == k for k, word in enumerate(words)}
 
 
 def ranks(values: FloatArray) -> FloatArray:
