@@ -110,9 +110,9 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     order = order[np.argsort(gaps[order])]
     if not order.size:
         return None
-    chosen = {"worst": order[-1], "median": order[order.size // 2], "best": order[0]}
-    labels = {int(row): f"{word}: {_sample(campaign, int(row))}" for word, row in reversed(chosen.items())}
-    labels = dict(reversed(labels.items()))  # of a row that is two of them, the first word stays
+    labels = dict[int, str]()
+    for word, row in zip(("worst", "median", "best"), order[[-1, order.size // 2, 0]].tolist(), strict=True):
+        labels.setdefault(row, f"{word}: {_sample(campaign, row)}")
     return _scene(diagnosis.rows, states, labels)
 
 
