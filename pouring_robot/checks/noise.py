@@ -113,11 +113,11 @@ def check_noise(
         return
     rounded = list(_rounded(campaign, scatters))
     yield from rounded
-    if rounded or not _too_small(scatters):
+    if rounded or not all(one.too_small for one in scatters):
         return
     # What weight does takes a closure a row: it is worked out only where it may be what scatters.
     scatters = _scatters(campaign, drawing, data, fit, rows, weighed=True)
-    if _too_small(scatters):
+    if all(one.too_small for one in scatters):
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
@@ -126,10 +126,6 @@ def check_noise(
             f"is {least.factor * stated:.2g} mm, not {stated:.2g}"
         )
         yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
-
-
-def _too_small(scatters: list[Scatter]) -> bool:
-    return all(one.too_small for one in scatters)
 
 
 def _scatters(
