@@ -10,6 +10,7 @@ from scipy.special import ndtri
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
 from pouring_robot.diagnosis.parameters import NamedEffect
+from pouring_robot.diagnosis.state import State
 from pouring_robot.effects.base import Effect, EffectParameter, channel
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import Axis, axis_over, of_drives
@@ -94,8 +95,8 @@ def _residuals(diagnosis: Conclusions) -> str:
     drawn = residual_axes(given, diagnosis.diagnoser.library.effects.values())
     shown = [axis for axis in (axis_over((name,), given) for name in drawn) if not axis.of_rows]
     shown = shown or [axis_over((), given)]
-    kinds = [("before", BEFORE)] if diagnosis.refused else [("before", BEFORE), ("after", AFTER)]
-    tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
+    kinds = [("before", BEFORE, diagnosis.before), ("after", AFTER, diagnosis.after)][: 1 if diagnosis.refused else 2]
+    tables = [_residual_table(diagnosis, state) for *_, state in kinds]
     width, height = max(1.75 * len(shown), 5.0), 5.6
     figure = new_figure(width, height)
     figure.set_layout_engine(None)  # to find room beside so many panels takes longer than to draw them
@@ -106,7 +107,7 @@ def _residuals(diagnosis: Conclusions) -> str:
     grid = figure.subplots(len(lengths), len(shown), squeeze=False, **shared)
     for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
-            for table, (label, colour) in zip(tables, kinds, strict=True):
+            for table, (label, colour, _) in zip(tables, kinds, strict=True):
                 values = table[:, k] / MM
                 (dots,) = axes.plot(axis.values, values, ".", color=colour, markersize=3, label=label)
                 tell(dots, _row_words(diagnosis, values, label, np.isfinite(axis.values)))
@@ -141,8 +142,7 @@ def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:
     return ["time_s", "weight_n", *(f"{name}_m" for name in given.travels), *rises, pose]
 
 
-def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
-    state = diagnosis.after if of_after else diagnosis.before
+def _residual_table(diagnosis: Conclusions, state: State) -> FloatArray:
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
     table[~_shown(diagnosis)] = np.nan
     turned = in_base(table, state.frames.T_tracker_base.rotation)
@@ -214,11 +214,9 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
 def _covariance(diagnosis: Conclusions, effect: NamedEffect, parameters: list[EffectParameter]) -> FloatArray:
     """Return that of an effect's parameters, in their units, (p, p)."""
     hypothesis = diagnosis.hypothesis
-    weights, spans = hypothesis.weights(), hypothesis.spans
-    first = len(weights) - len(hypothesis.items)  # workmanship stands before items
-    places = np.arange(spans[-1].stop)
-    own = np.concatenate([places[spans[first + k]] for k in effect.cause.indices])
-    units = np.concatenate(weights)[own] * np.array([p.prior_std for p in parameters])
+    spans = hypothesis.spans[-len(hypothesis.items) :]  # workmanship stands before items
+    own = np.r_[*(spans[k] for k in effect.cause.indices)]
+    units = np.concatenate(hypothesis.weights())[own] * np.array([p.prior_std for p in parameters])
     covariance = hypothesis.coefficients()[1]
     return np.asarray(units[:, None] * covariance[own[:, None], own] * units)
 
