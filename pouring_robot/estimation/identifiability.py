@@ -87,7 +87,7 @@ def base_parameters(
     scale = np.where(seen, lengths, 1.0)
     # QR first: from here on m no longer counts. Columns that are zero stay zero exactly.
     compact = np.asarray(np.linalg.qr(np.where(seen, matrix / scale, 0.0), mode="r"), dtype=np.float64)
-    _, singular, _ = np.linalg.svd(compact)
+    singular = np.linalg.svd(compact, compute_uv=False)
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
     # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.

@@ -45,6 +45,9 @@ class MeasuredPoses(PoseStack):
     sigma_rotation_rad: float  # standard deviation of a rotation component about the tracker's axes, in rad
     others: tuple[Instrument, ...] = ()  # distances; where drives are redundant, closures behind them
 
+    def __post_init__(self) -> None:
+        _ = self.instruments  # a noise that is none is refused at once
+
     @functools.cached_property
     def instruments(self) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
         """All of them, in the order of their components."""

@@ -43,6 +43,7 @@ def beside(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
             if ours.poll(_PATIENCE_S):
                 found: Found = ours.recv()
                 return found
+        copy.kill()
         return work()
 
     try:

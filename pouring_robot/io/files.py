@@ -4,7 +4,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pouring_robot.exceptions import DescriptionError, OutputError
@@ -78,10 +78,11 @@ def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True)
                     if not _is_stream(target := _target(path)):
                         hidden[path] = stack.enter_context(_hidden(target, content))
                     continue
-                if folder not in hidden:
-                    hidden[folder] = hidden_name(folder)
-                    stack.callback(shutil.rmtree, hidden[folder], ignore_errors=True)
-                place = hidden[folder] / path.absolute().relative_to(folder)
+                own = folder.resolve()  # however it is spelled
+                if own not in hidden:
+                    hidden[own] = hidden_name(own)
+                    stack.callback(shutil.rmtree, hidden[own], ignore_errors=True)
+                place = hidden[own] / path.absolute().relative_to(folder)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 _write_through(place, content)
         stop_if_heard()
@@ -101,7 +102,8 @@ def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True)
                 if place in before:
                     _put(place, before[place])
                 elif not whole.exists():
-                    place.resolve().rename(whole)
+                    with suppress(FileNotFoundError):  # somebody has taken it away already
+                        place.resolve().rename(whole)
             raise
     return list(files)
 

@@ -138,9 +138,9 @@ class SensitivityReport(Result):
             "poses": self.poses,
             "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
             "limit_mm": self.request.limit_m / MM,
-            "control": self.controls,
+            "control": [dict(one) for one in self.controls],
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": self.rows,
+            "parameters": [dict(row) for row in self.rows],
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:

@@ -99,4 +99,4 @@ def test_inverse_right_jacobian_of_the_logarithm():
 @pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan, np.inf])
 def test_noise_must_be_positive(sigma):
     with pytest.raises(BadInputError, match="positive"):
-        _ = MeasuredPoses(np.zeros((2, 3)), np.zeros((2, 3, 3)), sigma, 1.0).instruments
+        MeasuredPoses(np.zeros((2, 3)), np.zeros((2, 3, 3)), sigma, 1.0)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from pouring_robot.exceptions import BadInputError, OutputError
+from pouring_robot.io import files
 from pouring_robot.io.files import check_outputs, write_together, write_whole
 
 
@@ -187,3 +188,28 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
         write_together({tmp_path / "first" / "a.txt": "a", tmp_path / "file" / "folder" / "b.txt": "b"})
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]
+
+
+def test_a_new_folder_is_one_however_it_is_spelled(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    write_together({Path("new/a.txt"): "a", Path("../here/new/b.txt"): "b", tmp_path / "here" / "new" / "c.txt": "c"})
+    assert sorted(path.name for path in Path("new").iterdir()) == ["a.txt", "b.txt", "c.txt"]
+
+
+def test_what_was_there_comes_back_though_something_new_is_gone(tmp_path, monkeypatch):
+    new, old = tmp_path / "new.txt", tmp_path / "old.txt"
+    old.write_text("old")
+
+    def failing(given, content):
+        if given == pipe:
+            new.unlink()
+            raise OutputError(given, "full")
+        return put(given, content)
+
+    pipe, put = tmp_path / "pipe", files._put
+    os.mkfifo(pipe)
+    monkeypatch.setattr(files, "_put", failing)
+    with pytest.raises(OutputError, match="full"):
+        write_together({new: "new", old: "other", pipe: "x"})
+    assert old.read_text() == "old" and not new.exists()

@@ -217,8 +217,10 @@ class LostMotion(Family):
 
     def _told(self, conditions: Conditions) -> tuple[Drive, ...]:
         """Return the drives of which it is known from where they came."""
+        if conditions.approach is None:
+            return ()
         places = zip(self.drives, conditions.places(self.drives), strict=True)
-        return tuple(drive for drive, k in places if np.any(np.asarray(conditions.approach)[:, k]))
+        return tuple(drive for drive, k in places if conditions.approach[:, k].any())
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """As of every effect; of drives whose side nobody knows nothing is said."""

@@ -69,7 +69,7 @@ class SweepReport(Result):
 
     def figures(self) -> dict[str, Any]:
         """Return all figures for JSON; mm and mrad."""
-        plan = self.store.plan
+        plan, own = self.store.plan, self.store.plan.own_error_m
         return {
             "study": plan.config.study,
             "kind": plan.config.kind,
@@ -77,7 +77,7 @@ class SweepReport(Result):
             "content_hash": plan.content_hash,
             "version": plan.content["version"],
             "seed": plan.config.seed,
-            **({"own_error_mm": plan.own_error_m and plan.own_error_m / MM} if plan.config.model is not None else {}),
+            **({"own_error_mm": None if own is None else own / MM} if plan.config.model is not None else {}),
             "summary": self.summary.figures(),
             "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
             "ranking": self._table(),
