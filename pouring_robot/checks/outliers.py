@@ -79,7 +79,8 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     """
     terms, pose, floors = _residuals(campaign, data, fit)
     in_pose = np.max([_unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
-    effect = drive_effect(drawing, data.drives, fit.frames.T_end_target)
+    from_base = OuterFrames(pin.SE3.Identity(), fit.frames.T_end_target)
+    effect = target_effect(drawing, data.drives, from_base, drive_parameters(drawing.mechanism))
     units = [drive.unit for drive in campaign.robot.drives]
     drives = drive_errors(effect, units, pose, floors[0] / floors[-1])
     in_drives = np.max([_unexplained(terms, errors, floors[0]) for errors in drives.T], axis=0)
@@ -190,30 +191,25 @@ def _jump(
 # --- what is smooth ---
 
 
-def drive_effect(drawing: Drawing, drives: FloatArray, T_end_target: pin.SE3) -> FloatArray:
-    """Return how the target on the nominal robot moves with its drives, (n, 6, drives), in base axes; NaN without pose.
-
-    Displacement of its origin (m) and rotation vector (rad), per m and rad.
-    """
-    frames = OuterFrames(pin.SE3.Identity(), T_end_target)
-    return _effect(drawing, drives, frames, drive_parameters(drawing.mechanism))
-
-
 def joint_effect(
     robot: RobotDefinition, drawing: Drawing, drives: FloatArray, frames: OuterFrames
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how it moves with every drive, then every displacement of every joint, and a small error of each.
+    """Return how the target moves with every drive, then every displacement of every joint, and a small error of each.
 
-    Shapes (n, 6, p) in tracker axes, per m and rad, NaN without pose; and (p,), 1 mm or 1 mrad.
+    Shapes (n, 6, p), see :func:`target_effect`; and (p,), 1 mm or 1 mrad.
     """
     catalogue = ParameterCatalogue(robot, drawing.mechanism)
     local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
-    return _effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
+    return target_effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
 
 
-def _effect(
+def target_effect(
     drawing: Drawing, drives: FloatArray, frames: OuterFrames, parameters: Sequence[GeometricParameter]
 ) -> FloatArray:
+    """Return how the target on the nominal robot moves with p parameters, (n, 6, p), in tracker axes; NaN without pose.
+
+    Displacement of its origin (m) and rotation vector (rad), per m and rad.
+    """
     engine, start = engine_for(drawing.mechanism), drawing.starts(drives)
     reached = np.flatnonzero(np.isfinite(start.position).all(axis=1))
     closed = engine.close(drives[reached], start[reached])
@@ -229,7 +225,7 @@ def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray,
     Where residuals do not fix all drives, the least such errors are returned.
 
     Args:
-        effect: (n, 6, drives); see :func:`drive_effect`.
+        effect: (n, 6, drives); see :func:`target_effect`.
         units: of the drives, ``m`` or ``rad``. An angle counts as the length it moves the target at the median pose.
         residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in base axes.
         metres_per_rad: how rotations weigh against positions, in m.
@@ -292,8 +288,6 @@ def _turns(poses: PoseStack) -> FloatArray:
     """Return what varies of the rotation matrices, (n, up to 9): cosine and sine where they turn about one axis."""
     rotation = poses.rotation.reshape(-1, 9)
     known = poses.complete
-    if not known.any():
-        return np.empty((len(poses), 0))
     middle = rotation[known].mean(axis=0)
     _, sizes, axes = np.linalg.svd(rotation[known] - middle, full_matrices=False)
     return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)

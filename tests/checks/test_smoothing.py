@@ -7,14 +7,20 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.outliers import drive_effect, drive_errors, foretelling
+from pouring_robot.checks.outliers import drive_errors, foretelling, target_effect
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.diagnosis.hidden import NOTHING, campaign
 from tests.estimation.virtual import INNER
 
 ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"
 STEP = 1e-5
+FRAMES = OuterFrames(pin.SE3.Identity(), INNER)
+
+
+def drive_effect(drawing, drives):
+    return target_effect(drawing, drives, FRAMES, drive_parameters(drawing.mechanism))
 
 
 def some_drives(robot, drawing, count=5):
@@ -35,10 +41,9 @@ def robot_drives(request, drawing):
 
 def test_drive_effect_is_the_derivative_of_the_target(robot_drives):
     units, drawing, drives = robot_drives
-    frames = OuterFrames(pin.SE3.Identity(), INNER)
-    effect = drive_effect(drawing, drives, INNER)
+    effect = drive_effect(drawing, drives)
     for k, axis in enumerate(np.eye(len(units))):
-        plus, minus = (frames.seen(nominal_poses(drawing, drives + s * STEP * axis)) for s in (1.0, -1.0))
+        plus, minus = (FRAMES.seen(nominal_poses(drawing, drives + s * STEP * axis)) for s in (1.0, -1.0))
         change = plus.difference(minus) / (2.0 * STEP)
         # Second-order remainder of the difference, and what closing to 1e-12 m leaves of it.
         np.testing.assert_allclose(effect[:, :, k], change, atol=1e-5 * np.abs(change).max())
@@ -48,9 +53,8 @@ def test_small_drive_errors_come_back_from_the_full_pose(robot_drives):
     units, drawing, drives = robot_drives
     random = np.random.default_rng(1)
     error = 1e-6 * random.normal(size=drives.shape)
-    frames = OuterFrames(pin.SE3.Identity(), INNER)
-    before, after = (frames.seen(nominal_poses(drawing, values)) for values in (drives, drives + error))
-    effect = drive_effect(drawing, drives, INNER)
+    before, after = (FRAMES.seen(nominal_poses(drawing, values)) for values in (drives, drives + error))
+    effect = drive_effect(drawing, drives)
     found = drive_errors(effect, units, after.difference(before), 1.0)
     reach = np.median(np.linalg.norm(effect[:, :3], axis=1), axis=0)
     scale = np.where(np.array(units) == "rad", reach, 1.0)
@@ -60,7 +64,7 @@ def test_small_drive_errors_come_back_from_the_full_pose(robot_drives):
 def test_rows_without_pose_have_no_effect(drawing):
     sound = some_drives(drawing.model.definition, drawing.kinematics, 2)
     drives = np.array([[np.nan] * 4, [0.3, 9.0, 0.3, 0.0], *sound])
-    effect = drive_effect(drawing.kinematics, drives, INNER)
+    effect = drive_effect(drawing.kinematics, drives)
     assert np.isfinite(effect).all(axis=(1, 2)).tolist() == [False, False, True, True]
     empty = PoseStack(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)))
     errors = drive_errors(effect, ["m", "m", "m", "rad"], empty.position_m, 1.0)
