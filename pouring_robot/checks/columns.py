@@ -10,7 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.fit import robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
@@ -117,7 +117,7 @@ def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:
         values = campaign.quantity(name)
         if values is not None:
             for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
-                yield _stuck(campaign, name, rows, Severity.ERROR)
+                yield _stuck(campaign, name, values[rows[0]], rows, Severity.ERROR)
 
 
 def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
@@ -126,18 +126,18 @@ def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
         return
     for index, name in enumerate(columns.drive_names(campaign.robot)):
         if np.ptp(drives[:, index]) == 0.0:
-            yield _stuck(campaign, name, np.flatnonzero(campaign.usable), Severity.WARNING)
+            yield _stuck(campaign, name, drives[0, index], np.flatnonzero(campaign.usable), Severity.WARNING)
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
     """Find a sensor on the robot that stands still while most of its neighbours change."""
     names = [name for name in _readings(campaign) if name != columns.AMBIENT]
-    changes = {name: np.diff(_values(campaign, name)) != 0.0 for name in names}
+    changes = {name: np.diff(campaign.conditions[name]) != 0.0 for name in names}
     for name in names:
         others = [changes[other] for other in names if other != name]
         if others:
             for rows in _runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_TEMPERATURE_RUN):
-                yield _stuck(campaign, name, rows, Severity.WARNING)
+                yield _stuck(campaign, name, campaign.conditions[name][rows[0]], rows, Severity.WARNING)
 
 
 def _readings(campaign: Campaign) -> tuple[str, ...]:
@@ -146,7 +146,7 @@ def _readings(campaign: Campaign) -> tuple[str, ...]:
     return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
 
 
-def _stuck(campaign: Campaign, name: str, rows: Indices, severity: Severity) -> DataFlag:
+def _stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity) -> DataFlag:
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
     remedy = ""
@@ -154,14 +154,14 @@ def _stuck(campaign: Campaign, name: str, rows: Indices, severity: Severity) -> 
         remedy = "if the drive really stood still its errors cannot be found; else mend the column"
     else:
         message += " while the rest of the row changes"
-    metrics = {"rows": float(rows.size), "value": float(_values(campaign, name)[rows[0]])}
+    metrics = {"rows": float(rows.size), "value": float(value)}
     return found(campaign, FlagCode.STUCK_COLUMN, message, rows, [name], metrics, severity=severity, remedy=remedy)
 
 
 def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
     """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
     for name in _readings(campaign) if len(campaign) >= 5 else ():
-        values = _values(campaign, name)
+        values = campaign.conditions[name]
         before, now, after = values[:-2], values[1:-1], values[2:]
         aside = now - 0.5 * (before + after)
         limit = np.fmax(_TEMPERATURE_SPIKE_K, 10.0 * robust_sigma(aside)) + 2.0 * np.abs(after - before)
@@ -173,8 +173,9 @@ def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _approach(campaign: Campaign) -> Iterator[DataFlag]:
-    for name in columns.approach_names(campaign.robot):
-        values = _values(campaign, name)
+    if campaign.approach is None:
+        return
+    for name, values in zip(columns.approach_names(campaign.robot), campaign.approach.T, strict=True):
         rows = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
         if rows.size:
             held = f"column '{campaign.heading(name)}' holds {values[rows[0]]:g} at {where(campaign, rows)}"
@@ -183,7 +184,9 @@ def _approach(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _time(campaign: Campaign) -> Iterator[DataFlag]:
-    time, copies = _values(campaign, "time"), _copies(campaign)
+    time, copies = campaign.time_s, _copies(campaign)
+    if time is None:
+        return
     rows: list[int] = []
     steps, backwards = 0, True
     for session in campaign.rows_by_session().values():
@@ -260,11 +263,6 @@ def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
         flag = found(campaign, FlagCode.IGNORED_COLUMNS, message, severity=severity, remedy=remedy)
         # They are headings, not quantities.
         yield replace(flag, columns=campaign.ignored_columns)
-
-
-def _values(campaign: Campaign, name: str) -> FloatArray:
-    values = campaign.quantity(name)
-    return np.full(len(campaign), np.nan) if values is None else values
 
 
 def _runs(same: BoolArray, longest: int) -> Iterator[Indices]:
