@@ -21,7 +21,7 @@ from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import noise_beforehand
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.model import RobotModel
@@ -106,7 +106,7 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     states, campaign = seen_states(diagnosis), diagnosis.rows.campaign
     reference = states[-2 if diagnosis.effects and not diagnosis.refused else -1]
     gaps = np.linalg.norm(reference.gaps_m(_tool(diagnosis.model)), axis=1)
-    order = np.flatnonzero(np.isfinite(_everywhere(states)))
+    order = _everywhere(states)
     order = order[np.argsort(gaps[order])]
     if not order.size:
         return None
@@ -127,14 +127,14 @@ def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
     usable = one_place.subset(np.flatnonzero(one_place.usable))
     rows = CampaignRows(usable, model, noise_beforehand(usable, np.arange(len(usable))))
     states = _drawing_and(_as_given("model given", rows), rows)
-    shown = np.flatnonzero(np.isfinite(_everywhere(states))).tolist()
-    labels = {row: _sample(usable, row) for row in shown}
-    return _scene(rows, states, labels, axis="row") if shown else None
+    labels = {row: _sample(usable, row) for row in _everywhere(states).tolist()}
+    return _scene(rows, states, labels, axis="row") if labels else None
 
 
-def _everywhere(states: Sequence[SeenState]) -> FloatArray:
-    """Return numbers (n,), finite where every state has a measured and a modelled pose."""
-    return np.asarray(np.sum([np.sum(s.model + s.measured, axis=(1, 2)) for s in states], axis=0))
+def _everywhere(states: Sequence[SeenState]) -> Indices:
+    """Return the rows in which every state has a measured and a modelled pose."""
+    both = np.array([state.model + state.measured for state in states])
+    return np.flatnonzero(np.isfinite(both).all(axis=(0, 2, 3)))
 
 
 def _tool(model: RobotModel) -> FloatArray:
@@ -164,7 +164,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     sizes = {name: np.linalg.norm(gap, axis=1) for name, gap in gaps.items()}
     robots = [SceneRobot("measured", ladle, measured[:, None], tint=_MEASURED_TINT)]
     arrows = []
-    everywhere = np.flatnonzero(np.isfinite(_everywhere(states)))
+    everywhere = _everywhere(states)
     everywhere = everywhere[:: max(-(-everywhere.size // _MOST_ARROWS), 1)]  # as many as a picture can bear
     words = loops.working_frame.replace("_", " ")
     for state in states:
