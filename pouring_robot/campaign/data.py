@@ -107,7 +107,8 @@ class Campaign(Result):
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
-        object.__setattr__(self, "conditions", locked(kept))
+        said = {name: values for name, values in kept.items() if np.isfinite(values).any()}  # as of a column
+        object.__setattr__(self, "conditions", locked(said))
         for quantity in self._quantities.values():
             values = None if quantity.kind == "label" else self.command(quantity.name)
             if values is not None and (fault := first_fault(values, quantity.kind)):

@@ -90,7 +90,8 @@ def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFra
     what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
     that the data leave open stay near their start.
     """
-    told = measured.known[:, : FRAMES // 2 + 1].any(axis=1) & closure.closed
+    seen = measured.known[:, : FRAMES // 2 + 1]
+    told = seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1) & closure.closed
     if told.sum() < FEWEST_ROWS:
         raise FrameFitError(int(told.sum()), FEWEST_ROWS)
     found = [_refined(measured, closure, start) for start in _starts(measured, closure)]

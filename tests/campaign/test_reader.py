@@ -1,5 +1,7 @@
 """Reading campaigns: units, missing cells, Parquet, and errors that name file, line and column."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -201,6 +203,14 @@ def test_a_frame_of_pandas_is_a_campaign_again(tmp_path, real):
     first.to_frame().to_csv(tmp_path / "b.csv", index=False)
     (tmp_path / "b.yaml").write_bytes((tmp_path / "a.yaml").read_bytes())
     assert Campaign.read(tmp_path / "b.csv").to_frame().equals(first.to_frame())
+
+
+def test_a_condition_that_no_row_says_is_none(real):
+    melt = np.full(len(real.campaign), np.nan)
+    melt[:5] = 1600.0
+    campaign = replace(real.campaign, conditions={**real.campaign.conditions, "melt": melt})
+    assert "melt" in campaign.subset([0, 9]).conditions
+    assert campaign.subset([5, 9]).quantity("melt") is None
 
 
 def test_subset(real):

@@ -1,5 +1,7 @@
 """What ``view`` shows: a bench, a path or a campaign; how it is served is tested with the viewer."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from pouring_robot.cli.app import main
@@ -57,6 +59,11 @@ def test_a_path_and_a_campaign_play(shown, tmp_path, capsys):
     assert len(rows.steps) == 20 and [robot.choice for robot in rows.robots] == [False, True, True, False]
     drawing, given = (curve.values.mean() for curve in rows.curves)
     assert given < 0.5 * drawing  # it was measured of this very model
+    unseen = pd.read_csv(campaign)
+    unseen.loc[:, unseen.columns.str.match("[xyz]_|r[xyz]_")] = np.nan
+    unseen.to_csv(campaign, index=False)
     capsys.readouterr()
+    assert main(["view", "--no-browser", "--campaign", campaign]) == 2
+    assert "no row has a measured position" in capsys.readouterr().err
     assert main(["view", "--no-browser", "--campaign", campaign, "--exaggerate", "5"]) == 2
     assert "--exaggerate is for a robot or a path" in capsys.readouterr().err

@@ -26,3 +26,10 @@ def test_too_few_rows(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 2)
     with pytest.raises(FrameFitError):
         first_frames(virtual.rows, virtual.measured)
+
+
+def test_rotations_alone_tell_no_places(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 40)
+    turned = MeasuredPoses(np.full((40, 3), np.nan), virtual.measured.rotation, SIGMA, SIGMA)
+    with pytest.raises(FrameFitError, match="there are 0"):
+        first_frames(virtual.rows, turned)

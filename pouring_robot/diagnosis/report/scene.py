@@ -117,13 +117,15 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
 
 
 def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
-    """Return every measured row of a campaign against a model and the drawing, one after the other.
+    """Return every measured row of a campaign against a model and the drawing, one after the other; None without any.
 
     Raises:
         CampaignError: the data do not fit the robot.
         FrameFitError: too few rows have a pose and a position.
     """
     one_place = seen_from_one_place(campaign, model)
+    if not one_place.usable.any():
+        return None
     usable = one_place.subset(np.flatnonzero(one_place.usable))
     rows = CampaignRows(usable, model, noise_beforehand(usable, np.arange(len(usable))))
     states = _drawing_and(_as_given("model given", rows), rows)
