@@ -107,8 +107,8 @@ class Campaign(Result):
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
-        said = {name: values for name, values in kept.items() if np.isfinite(values).any()}  # as of a column
-        object.__setattr__(self, "conditions", locked(said))
+        known = {name: values for name, values in kept.items() if not np.isnan(values).all()}  # as of empty columns
+        object.__setattr__(self, "conditions", locked(known))
         for quantity in self._quantities.values():
             values = None if quantity.kind == "label" else self.command(quantity.name)
             if values is not None and (fault := first_fault(values, quantity.kind)):
