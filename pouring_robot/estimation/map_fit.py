@@ -91,9 +91,10 @@ def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFra
     that the data leave open stay near their start.
     """
     seen = measured.known[:, : FRAMES // 2 + 1]
-    told = seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1) & closure.closed
-    if told.sum() < FEWEST_ROWS:
-        raise FrameFitError(int(told.sum()), FEWEST_ROWS)
+    told = seen.any(axis=1) & closure.closed
+    places = told & seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1)
+    if told.sum() < FEWEST_ROWS or not places.any():
+        raise FrameFitError(int(places.sum()), FEWEST_ROWS)
     found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
     return min(found, key=lambda one: one[0])[1]
 

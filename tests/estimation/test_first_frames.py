@@ -33,3 +33,12 @@ def test_rotations_alone_tell_no_places(drawing):
     turned = MeasuredPoses(np.full((40, 3), np.nan), virtual.measured.rotation, SIGMA, SIGMA)
     with pytest.raises(FrameFitError, match="there are 0"):
         first_frames(virtual.rows, turned)
+
+
+def test_a_few_places_are_enough_beside_rotations(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 40, scale=1e-6)
+    position = virtual.measured.position_m.copy()
+    position[3:] = np.nan
+    start = first_frames(virtual.rows, MeasuredPoses(position, virtual.measured.rotation, SIGMA, SIGMA))
+    seen = virtual.rows.predict(start).position_m
+    np.testing.assert_allclose(seen, virtual.measured.position_m, atol=8.0 * SIGMA)
