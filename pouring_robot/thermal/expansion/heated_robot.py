@@ -86,13 +86,19 @@ class WarmRobot(PouringRobot):
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """As of every robot, legs grown."""
-        names = self.actual_solver.mechanism.loops.drives
-        stand = [[*self.actual_drives(dict(zip(names, row, strict=True))).values()] for row in drives.tolist()]
-        return self.engine().close(np.reshape(stand, drives.shape), start)
+        growth = _growth(np.array([self.expansion.leg_strain]), self.actual_solver.mechanism.loops.drives)
+        return self.engine().close((drives + self.model.offset_of_each_drive()) * growth, start)
 
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
         return self.actual_of(self.pose)
+
+
+def _growth(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
+    """Return how many times as long as cold each drive is, (n, drives), by strains of which the first are the legs'."""
+    growing = [f"{leg}_s3" for leg in LEGS]
+    legs = [growing.index(name) if name in growing else -1 for name in drives]
+    return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
 
 
 def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
@@ -294,9 +300,7 @@ class WarmPath:
         self.errors = self._displaced(heated) if strain.any() else None
         drives = robot.actual_solver.mechanism.loops.drives
         self.offsets = robot.model.offset_of_each_drive()
-        growing = [f"{leg}_s3" for leg in LEGS]
-        legs = [growing.index(name) if name in growing else -1 for name in drives]
-        self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
+        self.growth = _growth(strain, drives)
         self.command = robot.kinematics.commands(poses)
 
     def _displaced(self, heated: HeatedRobot) -> FloatArray:
