@@ -112,14 +112,14 @@ def from_the_row_before(
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
     """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
 
-    Of drives and positions absent ones become NaN; of the others, what is absent or empty is left out.
+    Of drives and positions absent ones become NaN; other arrays are left out where all of them is absent or empty.
     """
-    known = {name: values for name, values in quantities.items() if np.isfinite(values).any()}
+    known = {name for name, values in quantities.items() if np.isfinite(values).any()}
     absent = np.full(next(iter(quantities.values())).size, np.nan)
     arrays: dict[str, Any] = {
         array: np.stack([quantities.get(name, absent) for name in names], axis=-1)
         for array, names in array_names(robot).items()
-        if array == "position_m" or not known.keys().isdisjoint(names)
+        if array == "position_m" or not known.isdisjoint(names)
     }
-    conditions = {name: known[name] for name in condition_names(robot) if name in known}
+    conditions = {name: quantities[name] for name in condition_names(robot) if name in quantities}
     return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}
