@@ -1,13 +1,14 @@
 """The errors the package raises on purpose, each with its figures and one line that says how to mend it.
 
-Two families: :class:`BadInputError` (what was given is wrong; exit code 2) and :class:`NoSolutionError`
-(the input is sound but the mechanism has no answer; exit code 3). ``str(error)`` is always one line, and what a
-constructor takes are the error's attributes.
+:class:`BadInputError`: what was given is wrong. :class:`NoSolutionError`: the input is sound but the mechanism has no
+answer. :class:`StoppedError`: the user stopped the work. ``str(error)`` is always one line, and what a constructor
+takes are the error's attributes.
 """
 
 from __future__ import annotations
 
 import difflib
+import enum
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -32,28 +33,38 @@ def some(names: Sequence[str], most: int, between: str = ", ") -> str:
     return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
+class ExitCode(enum.IntEnum):
+    """What the command line ends with."""
+
+    DONE = 0
+    BAD_INPUT = 2  # a file, an option or a value cannot be used
+    NO_SOLUTION = 3  # the input is sound, but the mechanism has no answer
+    FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
+    STOPPED = 130  # Ctrl-C, as shells count it
+
+
 class PouringRobotError(Exception):
     """Base of all errors of this package."""
 
-    exit_code = 1
+    exit_code = ExitCode.FAULT
 
 
 class BadInputError(PouringRobotError):
     """What the user gave cannot be used: a file, an option or a value."""
 
-    exit_code = 2
+    exit_code = ExitCode.BAD_INPUT
 
 
 class NoSolutionError(PouringRobotError):
     """The input is sound, but the mechanism has no answer for it."""
 
-    exit_code = 3
+    exit_code = ExitCode.NO_SOLUTION
 
 
 class StoppedError(PouringRobotError):
     """The user stopped the work; says what of it is kept."""
 
-    exit_code = 130
+    exit_code = ExitCode.STOPPED
 
 
 class _FileError(BadInputError):

@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from pouring_robot.exceptions import StoppedError
+from pouring_robot.exceptions import ExitCode
 from pouring_robot.io import interrupt
 
 _OBJECTS_BETWEEN_COLLECTIONS = 10_000
@@ -31,5 +31,5 @@ def main() -> int:
             interrupt.stop_if_heard()
     except KeyboardInterrupt:  # while the program was being loaded, or a library has swallowed it
         print("pouring-robot: stopped", file=sys.stderr)
-        return StoppedError.exit_code
+        return ExitCode.STOPPED
     return code

@@ -1,7 +1,7 @@
 """The ``pouring-robot`` command: its subcommands, and how errors reach the user.
 
-Exit codes: 0 done, 2 bad input, 3 no solution, 70 a fault of the program, 130 stopped. An error is one line on standard
-error; a traceback never reaches a user.
+It ends with an :class:`~pouring_robot.exceptions.ExitCode`. An error is one line on standard error; a traceback never
+reaches a user.
 """
 
 import importlib
@@ -20,7 +20,7 @@ from typer.core import TyperGroup
 
 from pouring_robot import __version__
 from pouring_robot.cli.shared.bundles import HELP_PAGE, group_of
-from pouring_robot.exceptions import PouringRobotError, StoppedError
+from pouring_robot.exceptions import ExitCode, PouringRobotError, StoppedError
 from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
@@ -29,7 +29,6 @@ _MODULES = {path.rpartition(".")[2]: path for path in (
     "examples", "robots", "robot", "poses.pose", "poses.path", "poses.view", "campaign", "diagnose", "effects",
     "calibrate", "poses.compensate", "sensitivity", "sweep", "poses.thermal", "regress", "export",
 )}  # fmt: skip
-_FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
 
 EXTRAS = {
     "dask": "distributed",
@@ -98,18 +97,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if heard():
             _complain("stopped")
-            return StoppedError.exit_code
+            return ExitCode.STOPPED
         _complain(_caught(error, given))
-        return _FAULT
+        return ExitCode.FAULT
 
 
 def _run(given: list[str]) -> int:
     try:
         outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)
         sys.stdout.flush()
-        if outcome == StoppedError.exit_code:  # what Typer makes of Ctrl-C
+        if outcome == ExitCode.STOPPED:  # what Typer makes of Ctrl-C
             raise StoppedError("stopped")
-        return outcome if isinstance(outcome, int) else 0
+        return outcome if isinstance(outcome, int) else ExitCode.DONE
     except PouringRobotError as error:
         _complain(str(error))
         return error.exit_code
@@ -118,25 +117,25 @@ def _run(given: list[str]) -> int:
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
         asked = getattr(getattr(error, "ctx", None), "command_path", "pouring-robot")
         _complain(f"{problem}; see {asked} --help")
-        return 2
+        return ExitCode.BAD_INPUT
     except ModuleNotFoundError as error:
         module = str(error.name).partition(".")[0]
         if module not in EXTRAS:
             raise
         _complain(f"this needs {module}, which is not installed: pip install 'pouring_robot[{EXTRAS[module]}]'")
-        return 2
+        return ExitCode.BAD_INPUT
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")
-        return StoppedError.exit_code
+        return ExitCode.STOPPED
     except (BrokenPipeError, SystemExit):
         # The reader (such as `head`) has gone, for which Click and Rich leave by SystemExit, as nothing else here does:
         # that is no failure; say nothing, and keep Python from saying it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return ExitCode.DONE
     except OSError as error:
         _complain(f"cannot read or write: {error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 2
+        return ExitCode.BAD_INPUT
 
 
 def _caught(error: BaseException, arguments: Sequence[str]) -> str:

@@ -8,14 +8,14 @@ import sys
 import threading
 from typing import Any
 
-from pouring_robot.exceptions import StoppedError
+from pouring_robot.exceptions import ExitCode
 
 
 class _Heard:
     """Whether there was one, and the exit code that the process is to end with then."""
 
     yes = False
-    code = StoppedError.exit_code
+    code: int = ExitCode.STOPPED
 
 
 def listen() -> None:
@@ -29,7 +29,7 @@ def listen() -> None:
 def listen_no_more(code: int) -> None:
     """Let Ctrl-C do nothing: all is done, with an exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Heard.code = code or StoppedError.exit_code
+    _Heard.code = code or ExitCode.STOPPED
 
 
 def heard() -> bool:
