@@ -158,7 +158,6 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         tilts=tuple(tilts),
         centre_words={"joints": "joint places"},
         along=along,
-        tolerances=robot.tolerances_file,
     )
 
 

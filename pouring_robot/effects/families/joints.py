@@ -15,7 +15,7 @@ Parameters = tuple[EffectParameter, ...]
 
 def _usual(conditions: Conditions) -> Kinds:
     """Return usual sizes: the tolerances of parts that nobody has measured."""
-    return Tolerances.load(conditions.causes.placements.tolerances).kinds
+    return Tolerances.of(conditions.robot).kinds
 
 
 def place_parameters(conditions: Conditions) -> dict[str, Parameters]:

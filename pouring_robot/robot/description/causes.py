@@ -1,12 +1,11 @@
 """What may go wrong with a robot, as plain data: families of causes on parts that it names, and its own words.
 
-A robot may declare this; :mod:`pouring_robot.effects` makes its effects of it, and knows the families. For a robot that
-declares nothing a library over its groups is built there.
+The pouring robot's definition declares this; :mod:`pouring_robot.effects` makes its effects of it, and knows the
+families. For a robot of a robot file one over its groups is made there (``robot_causes.py``).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 
@@ -69,7 +68,6 @@ class Placements:
     twists: Mapping[str, str] = field(default_factory=dict)
     twist_words: str = ""  # what they are called together
     along: Mapping[str, str] = field(default_factory=dict)  # axes along which a joint may be displaced, where not all
-    tolerances: Path | None = None  # of the robot; None: the shipped ones
 
     @property
     def places(self) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """Causes of the pouring robot: its fourteen effects over its parts, its thermometers, its words."""
 
-from typing import Any
-
 from pouring_robot.robot.description.causes import (
     AMBIENT,
     AxisTilt,
@@ -30,41 +28,85 @@ def _tilts() -> tuple[AxisTilt, ...]:
     return tuple(found)
 
 
-_STORIES = {
-    "drive_zero_offset": "the zeros of the drives are set wrong",
-    "drive_scale": "the screws have another lead than the controller believes",
-    "drive_cyclic": "the screws run out of true: an error that returns with every turn",
-    "drive_backlash": "nuts and gears have play: a drive stops short on the side it came from",
-    "joint_centre_offset": "U joints sit elsewhere on their platforms than drawn",
-    "joint_axis_tilt": "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted",
-    "leg_thermal_expansion": "warm legs are longer than the controller believes",
-    "platform_thermal_expansion": "the warm moving platform carries its U joints further apart than drawn",
-    "leg_compliance": "the legs stretch under the weight they carry",
-    "tilt_drive_compliance": "the tilt drive yields to the moment of the ladle",
-    "truss_deflection": "the truss sinks under the carriage and leans with the slope of its deflection",
-    "base_drift": "the fixed platform creeps away from where it stood when the campaign began",
-    "tilt_encoder_eccentricity": "the disc of the tilt encoder sits off centre",
-    "metrology_scale": "the measuring device's millimetre is not a millimetre",
-}
-_FAMILIES: dict[str, tuple[str, dict[str, Any]]] = {
-    "drive_zero_offset": ("zero", {"drives": DRIVE_JOINTS, "driven_by": "tilt_rad"}),
-    "drive_scale": ("scale", {"drives": _LEGS, **_STROKE}),
-    "drive_cyclic": ("periodic", {"drives": _LEGS, "sizes": (1.0, 0.25, 0.1), "period": "screw_pitch_m"}),
-    "drive_backlash": ("lost_motion", {"drives": DRIVE_JOINTS, **_STROKE}),
-    "joint_centre_offset": ("centres", {"driven_by": "tilt_rad"}),
-    "joint_axis_tilt": ("tilts", {"driven_by": "tilt_rad", "joints": {"twisted_legs": (), "bores": _BORES}}),
-    "leg_thermal_expansion": ("drive_growth", {"drives": _LEGS, "thermometers": "leg", "neighbour": "platform"}),
-    "platform_thermal_expansion": ("link_growth", {"joints": SEATS, "thermometer": "platform"}),
-    "leg_compliance": ("stretch", {"drives": _LEGS, "group": "legs", "load": 5000.0, "length_m": 0.6}),
-    "tilt_drive_compliance": ("spring", {"drives": _TILT, "group": "tilt", "load": 2000.0}),
-    "truss_deflection": ("deflection", {"travel": "truss_travel_m", "weight_n": 6500.0}),
-    "base_drift": ("base_drift", {}),
-    "tilt_encoder_eccentricity": ("periodic", {"drives": _TILT, "sizes": (1.0, 0.25)}),
-    "metrology_scale": ("metrology_scale", {}),
-}
-
 CAUSES = Causes(
-    entries=tuple(CauseEntry(name, family, _STORIES[name], options) for name, (family, options) in _FAMILIES.items()),
+    entries=(
+        CauseEntry(
+            "drive_zero_offset",
+            "zero",
+            "the zeros of the drives are set wrong",
+            {"drives": DRIVE_JOINTS, "driven_by": "tilt_rad"},
+        ),
+        CauseEntry(
+            "drive_scale",
+            "scale",
+            "the screws have another lead than the controller believes",
+            {"drives": _LEGS, **_STROKE},
+        ),
+        CauseEntry(
+            "drive_cyclic",
+            "periodic",
+            "the screws run out of true: an error that returns with every turn",
+            {"drives": _LEGS, "sizes": (1.0, 0.25, 0.1), "period": "screw_pitch_m"},
+        ),
+        CauseEntry(
+            "drive_backlash",
+            "lost_motion",
+            "nuts and gears have play: a drive stops short on the side it came from",
+            {"drives": DRIVE_JOINTS, **_STROKE},
+        ),
+        CauseEntry(
+            "joint_centre_offset",
+            "centres",
+            "U joints sit elsewhere on their platforms than drawn",
+            {"driven_by": "tilt_rad"},
+        ),
+        CauseEntry(
+            "joint_axis_tilt",
+            "tilts",
+            "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted",
+            {"driven_by": "tilt_rad", "joints": {"twisted_legs": (), "bores": _BORES}},
+        ),
+        CauseEntry(
+            "leg_thermal_expansion",
+            "drive_growth",
+            "warm legs are longer than the controller believes",
+            {"drives": _LEGS, "thermometers": "leg", "neighbour": "platform"},
+        ),
+        CauseEntry(
+            "platform_thermal_expansion",
+            "link_growth",
+            "the warm moving platform carries its U joints further apart than drawn",
+            {"joints": SEATS, "thermometer": "platform"},
+        ),
+        CauseEntry(
+            "leg_compliance",
+            "stretch",
+            "the legs stretch under the weight they carry",
+            {"drives": _LEGS, "group": "legs", "load": 5000.0, "length_m": 0.6},
+        ),
+        CauseEntry(
+            "tilt_drive_compliance",
+            "spring",
+            "the tilt drive yields to the moment of the ladle",
+            {"drives": _TILT, "group": "tilt", "load": 2000.0},
+        ),
+        CauseEntry(
+            "truss_deflection",
+            "deflection",
+            "the truss sinks under the carriage and leans with the slope of its deflection",
+            {"travel": "truss_travel_m", "weight_n": 6500.0},
+        ),
+        CauseEntry(
+            "base_drift", "base_drift", "the fixed platform creeps away from where it stood when the campaign began"
+        ),
+        CauseEntry(
+            "tilt_encoder_eccentricity",
+            "periodic",
+            "the disc of the tilt encoder sits off centre",
+            {"drives": _TILT, "sizes": (1.0, 0.25)},
+        ),
+        CauseEntry("metrology_scale", "metrology_scale", "the measuring device's millimetre is not a millimetre"),
+    ),
     placements=Placements(
         centres=_PLATFORMS,
         tilts=_tilts(),
