@@ -105,7 +105,7 @@ class UnknownNoise:
             found |= smaller
         weighed = self.weighed(best)
         at = weighed.at[int(np.argmax(weighed.log_density))]
-        sizes = {item.key: at.size(k) for k, item in enumerate(at.items)}
+        sizes = {item.key: at.squared_size(k) for k, item in enumerate(at.items)}
         return tuple(sorted(sizes, key=lambda key: -sizes[key]))
 
     def _worth(self, keys: frozenset[Key]) -> float:

@@ -219,7 +219,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             "freedom": fit.freedom(),
             "inflation": calibration.inflation,
         },
-        "data_flags": [flag.to_json(calibration.campaign) for flag in calibration.flags],
+        "data_flags": [flag.figures(calibration.campaign) for flag in calibration.flags],
         "next": next_measurements(calibration),
     }
     cleaned: Figures = without_nan(content)

@@ -41,7 +41,7 @@ def condition_headings(robot: RobotDefinition) -> tuple[str, ...]:
     return tuple(heading for quantity in robot.condition_columns for heading in quantity.headings)
 
 
-def condition_names(robot: RobotDefinition) -> tuple[str, ...]:
+def numeric_conditions(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the conditions that are one number a row: neither names nor sides of approach."""
     return tuple(q.name for q in robot.condition_columns if q.kind not in ("label", "sign", "force", "moment"))
 
@@ -121,5 +121,5 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
         for array, names in array_names(robot).items()
         if array == "position_m" or not known.isdisjoint(names)
     }
-    conditions = {name: quantities[name] for name in condition_names(robot) if name in quantities}
+    conditions = {name: quantities[name] for name in numeric_conditions(robot) if name in quantities}
     return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

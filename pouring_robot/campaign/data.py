@@ -121,7 +121,7 @@ class Campaign(Result):
 
     @functools.cached_property
     def _condition_names(self) -> tuple[str, ...]:
-        return columns.condition_names(self.robot)
+        return columns.numeric_conditions(self.robot)
 
     @functools.cached_property
     def _places(self) -> dict[str, tuple[str, int]]:

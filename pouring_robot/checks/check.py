@@ -81,7 +81,7 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "missing_conditions": list(campaign.missing_conditions()),
         "metadata": metadata.model_dump(mode="json"),
         "outlier_rows": wrong.tolist(),
-        "flags": [flag.to_json(campaign) for flag in found.flags],
+        "flags": [flag.figures(campaign) for flag in found.flags],
         "undone": undone(found.flags),
         "misfit": None,
         "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m * 1e3,

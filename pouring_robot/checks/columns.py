@@ -9,7 +9,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.fit import robust_sigma
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
@@ -63,15 +63,15 @@ def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     usable, poses = int(campaign.usable.sum()), distinct_poses(campaign)
     metrics = {"usable_rows": float(usable), "distinct_poses": float(poses)}
-    if usable < FEWEST_ROWS:
-        message = f"{usable} rows can be used, too few to find the two frames ({FEWEST_ROWS})"
+    if usable < FEWEST_FOR_FRAMES:
+        message = f"{usable} rows can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
         yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
     elif usable < FEW_ROWS:
         yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{usable} rows can be used", metrics=metrics)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
         yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics)
-    if usable >= FEWEST_ROWS > poses:
+    if usable >= FEWEST_FOR_FRAMES > poses:
         message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
         yield found(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
 
@@ -122,7 +122,7 @@ def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
     drives = campaign.drives[campaign.usable]
-    if len(drives) < FEWEST_ROWS or distinct_poses(campaign) < FEWEST_ROWS:
+    if len(drives) < FEWEST_FOR_FRAMES or distinct_poses(campaign) < FEWEST_FOR_FRAMES:
         return
     for index, name in enumerate(columns.drive_names(campaign.robot)):
         if np.ptp(drives[:, index]) == 0.0:

@@ -192,7 +192,7 @@ class DataFlag:
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}; {self.remedy}"
 
-    def to_json(self, campaign: Campaign) -> dict[str, Any]:
+    def figures(self, campaign: Campaign) -> dict[str, Any]:
         """Return the finding ready for JSON, with the file's lines beside the rows."""
         return {
             "code": str(self.code),

@@ -30,7 +30,7 @@ from pouring_robot.checks.units_and_axes import (
 )
 from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.sessions import in_one_frame
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -122,7 +122,7 @@ class FrameChecks:
         poses = nominal_poses(drawing, drives)
         self.data = Comparison(drives, poses, campaign.position_m, campaign.rotation_vector_rad)
         # Without different poses the frames are anything, and so is what they say of the data.
-        if distinct_poses(campaign) >= FEWEST_ROWS:
+        if distinct_poses(campaign) >= FEWEST_FOR_FRAMES:
             try:
                 self._positions()
                 self._rotations()
@@ -155,7 +155,7 @@ class FrameChecks:
                     drives[:, index] = 2.0 * zero - values
                 continue
             for factor, mistake in DRIVE_MISTAKES[kind]:
-                moved = np.ptp(known) * factor if kind == "angle" and known.size >= FEWEST_ROWS else 0.0
+                moved = np.ptp(known) * factor if kind == "angle" and known.size >= FEWEST_FOR_FRAMES else 0.0
                 if not 0.0 < moved < _LEAST_USED * (high - low) and _mostly_within(known * factor + zero, low, high):
                     median = float(np.median(np.abs(known)))
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
@@ -205,11 +205,11 @@ class FrameChecks:
         """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""
         seen, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
         whole, turned_only = int(seen.all(axis=1).sum()), np.flatnonzero(turned & ~seen.any(axis=1))
-        if whole >= FEWEST_ROWS or not (seen.any() or turned.any()):
+        if whole >= FEWEST_FOR_FRAMES or not (seen.any() or turned.any()):
             return  # what is measured in distances or closures alone was never to be compared
         message = (
             f"drives and measurements cannot be compared: {whole} rows have a whole position, and the two frames need "
-            f"{FEWEST_ROWS}"
+            f"{FEWEST_FOR_FRAMES}"
         )
         severity = Severity.NOTE  # single coordinates are measured on purpose
         if turned_only.size:
@@ -276,7 +276,7 @@ class FrameChecks:
     def _turns(self) -> bool:
         """Whether enough rotations were measured to compare them."""
         vectors = self.data.rotation_vector_rad
-        return vectors is not None and int(np.isfinite(vectors).all(axis=1).sum()) >= FEWEST_ROWS
+        return vectors is not None and int(np.isfinite(vectors).all(axis=1).sum()) >= FEWEST_FOR_FRAMES
 
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.

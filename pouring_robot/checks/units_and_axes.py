@@ -16,7 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS, affine_map
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, affine_map
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
@@ -104,7 +104,7 @@ class Comparison:
         if len(some) < len(drives) and nominal_poses(drawing, drives[some]).complete.mean() < 0.5:
             return None
         poses = nominal_poses(drawing, drives)
-        if poses.complete.sum() < max(FEWEST_ROWS, _REACHED * len(drives)):
+        if poses.complete.sum() < max(FEWEST_FOR_FRAMES, _REACHED * len(drives)):
             return None
         return dataclasses.replace(self, drives=drives, poses=poses.inverse() if self.inverted else poses)
 

@@ -38,8 +38,8 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
     """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.base import checked_forms
-    from pouring_robot.effects.examples import bare_conditions, complete_conditions
     from pouring_robot.effects.facts import sources
+    from pouring_robot.effects.made_up import bare_conditions, complete_conditions
     from pouring_robot.effects.registry import all_effects
 
     conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))

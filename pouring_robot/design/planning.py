@@ -5,7 +5,7 @@
     plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
 
 The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
-:mod:`~pouring_robot.design.columns` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
+:mod:`~pouring_robot.design.plan_rows` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
 Everything is linear in the unknowns, about the given model; effects of the conditions are the simple columns of
 :mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
 """
@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.design.columns import (
+from pouring_robot.design.exchange import CandidateSet, choose
+from pouring_robot.design.plan_rows import (
     Columns,
     Conditions,
     candidate_poses,
@@ -28,7 +29,6 @@ from pouring_robot.design.columns import (
     telling,
     with_prior,
 )
-from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
-from pouring_robot.design.columns import Conditions
+from pouring_robot.design.plan_rows import Conditions
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.estimation.identifiability import BaseParameters, observability

@@ -27,7 +27,8 @@ class Conclusions(Findings):
     @cached_property
     def where(self) -> Where:
         """Where the given model and the data disagree."""
-        return disagreements(self.free_residuals, self.rows.conditions)
+        rate = self.diagnoser.search_options.false_names
+        return disagreements(self.free_residuals, self.rows.conditions, rate)
 
     @cached_property
     def moved(self) -> dict[str, FloatArray]:

@@ -16,11 +16,11 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.processes import poses, processes_of, varied
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
+from pouring_robot.diagnosis.unknown import poses, processes_of, varied
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-FEWEST_ROWS = 8
+_FEWEST_ROWS = 8
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
 _OUTLIER_ROUNDS = 3
 
@@ -215,10 +215,10 @@ class _Work:
         for rows_out in (wrong, *rows_beyond(self.campaign).values()):
             kept[rows_out] = False
         inliers = np.flatnonzero(kept)
-        if inliers.size < FEWEST_ROWS:
+        if inliers.size < _FEWEST_ROWS:
             raise CampaignError(
                 self.campaign.path,
-                f"only {inliers.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
+                f"only {inliers.size} rows can be used and {_FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
         parts, notes = _held_out(campaign, self.options.hold_out)

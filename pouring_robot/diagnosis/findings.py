@@ -82,7 +82,7 @@ class Findings:
     @property
     def mostly_workmanship(self) -> bool:
         """Whether workmanship that is named nowhere makes more of the gap than any named cause does."""
-        squared = self.hypothesis.workmanship_size / len(self.hypothesis.problem.residual)
+        squared = self.hypothesis.workmanship_squared_size / len(self.hypothesis.problem.residual)
         smaller = (cause.indices and cause.size**2 < squared for cause in self.judgement.causes)
         return self.judgement.names and all(smaller)
 

@@ -96,7 +96,7 @@ class Gap:
         """Return how much of the position's gap is gone: (before - after) / (before - floor); NaN without a gap."""
         return share_closed(*(self.position(which) for which in ("before", "after", "floor")))
 
-    def metrics(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""
         kinds = ("before", "after", "floor")
         sizes = {f"{which}_rms_mm": self.position(which) / MM for which in kinds}
@@ -144,10 +144,10 @@ class InTurn:
         share = (self.times_found(cause) + 1) / (self.blocks + 2)
         return replace(cause, probability=min(cause.probability, share)) if self.seldom(cause) else cause
 
-    def metrics(self) -> dict[str, object]:
+    def figures(self) -> dict[str, object]:
         """Return the gap's metrics and how well they are known."""
         own = {"blocks": self.blocks, "after_std_error_mm": self.error_m / MM, "same_names": self.agreed}
-        return {**self.gap.metrics(), **own, "found": dict(self.found)}
+        return {**self.gap.figures(), **own, "found": dict(self.found)}
 
 
 def held_out_in_turn(
@@ -199,7 +199,7 @@ def few(seen: WhitenedRows, fitted: BoolArray) -> bool:
 
 def _searched(diagnoser: Diagnoser, problem: Problem, block: BoolArray) -> tuple[FloatArray, frozenset[str]]:
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
-    found = search(problem.of(~block), diagnoser.thresholds)
+    found = search(problem.of(~block), diagnoser.search_options)
     left = problem.residual - found.on(problem).columns @ np.concatenate([np.zeros(0), *found.values])
     return left, frozenset(item.effect for item in found.items if item.cause)
 

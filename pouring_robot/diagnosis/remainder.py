@@ -57,7 +57,7 @@ class Remainder:
             text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"
         return text
 
-    def as_json(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return it as ``diagnosis.json`` holds it."""
         unit, scale = component_unit(self.worst)
         out: dict[str, Any] = {

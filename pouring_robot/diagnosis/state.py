@@ -78,11 +78,11 @@ class Diagnoser:
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
-    def thresholds(self) -> SearchOptions:
+    def search_options(self) -> SearchOptions:
         """Thresholds of the search that hold in this campaign, too: what the evidence of an effect is by chance."""
-        return self._thresholds_in(self.problem_at(self.at_rest()))
+        return self._options_in(self.problem_at(self.at_rest()))
 
-    def _thresholds_in(self, problem: Problem) -> SearchOptions:
+    def _options_in(self, problem: Problem) -> SearchOptions:
         return replace(self.options, by_chance=by_chance(Hypothesis.nothing(problem), self.options.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
@@ -118,7 +118,7 @@ class Diagnoser:
                 if moved < _SETTLED:
                     break
             hypothesis = hypothesis.on(self.problem_at(state))
-            hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
+            hypothesis = search(hypothesis.problem, self.search_options, hypothesis)
             if hypothesis.keys == keys:
                 break
         return self.settled(state, hypothesis)
@@ -141,11 +141,11 @@ class Diagnoser:
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
         """Search at a state that nothing was found at."""
         problem = self.problem_at(state)
-        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
-            vars(self)["thresholds"] = self._thresholds_in(problem)
+        if "search_options" not in vars(self):  # worked out by themselves they would linearise all rows once more
+            vars(self)["search_options"] = self._options_in(problem)
         if start and not start.keys <= {item.key for item in problem.explanations}:
             start = None  # other rows may have no such form: another session, forces that differ by less
-        return search(problem, self.thresholds, start.on(problem) if start else None)
+        return search(problem, self.search_options, start.on(problem) if start else None)
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""

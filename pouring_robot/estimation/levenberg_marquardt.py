@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, robust_terms, scatter, whiten
 from pouring_robot.exceptions import CalibrationError
@@ -63,7 +63,7 @@ class Search:
         prediction = self._predict(start)
         equations = whiten(measured, prediction)
         used = np.unique(equations.rows).size
-        if equations.rows.size <= FRAMES or used < FEWEST_ROWS:
+        if equations.rows.size <= FRAMES or used < FEWEST_FOR_FRAMES:
             raise CalibrationError(
                 f"only {used} of {len(rows)} rows can be used ({equations.failed.size} do not close)",
                 "measure more poses, or check drive values and model file",

@@ -24,7 +24,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
@@ -73,9 +73,9 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)
     whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
-    if whole < FEWEST_ROWS and not measured.framed:
+    if whole < FEWEST_FOR_FRAMES and not measured.framed:
         frames = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
-    elif whole < FEWEST_ROWS:
+    elif whole < FEWEST_FOR_FRAMES:
         frames = _searched_frames(measured, closure)
     else:
         scale = measured.sigma_position_m / measured.sigma_rotation_rad
@@ -93,8 +93,8 @@ def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFra
     seen = measured.known[:, : FRAMES // 2 + 1]
     told = seen.any(axis=1) & closure.closed
     places = told & seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1)
-    if told.sum() < FEWEST_ROWS or not places.any():
-        raise FrameFitError(int(places.sum()), FEWEST_ROWS)
+    if told.sum() < FEWEST_FOR_FRAMES or not places.any():
+        raise FrameFitError(int(places.sum()), FEWEST_FOR_FRAMES)
     found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
     return min(found, key=lambda one: one[0])[1]
 

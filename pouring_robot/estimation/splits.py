@@ -14,7 +14,7 @@ import pinocchio as pin
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -56,7 +56,7 @@ class Split:
         for k, fold in enumerate(self.folds):
             others = [j for j in range(len(self.folds)) if j < k or (self.kind == "region" and j > k)]
             rows = np.concatenate([np.zeros(0, dtype=np.intp), *(self.folds[j] for j in others)])
-            if rows.size >= FEWEST_ROWS and foretold([self.told[j] for j in others], self.told[k]):
+            if rows.size >= FEWEST_FOR_FRAMES and foretold([self.told[j] for j in others], self.told[k]):
                 pairs.append((np.sort(rows), fold))
         return tuple(pairs)
 

@@ -14,7 +14,7 @@ from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structur
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
-from pouring_robot.inference.search import credible
+from pouring_robot.inference.search import DEFAULT_SEARCH, credible
 from pouring_robot.mechanism.arrays import rms
 
 Varied = Callable[[str], Iterable[Process]]
@@ -29,7 +29,7 @@ class Thresholds:
     # rate of false answers that is accepted; docs/inference.md, "One number decides", derives from it. What is one of n
     # things that were tried must be worth n over this rate (see :class:`~.search.SearchOptions`): structure in what is
     # left, a process against a cause, workmanship where nothing else is found.
-    false_names: float = 0.01
+    false_names: float = DEFAULT_SEARCH.false_names
     structure_size: float = 0.3  # its least size, in noise standard deviations
     # its least share of the largest named effect with a form that nature need not keep to: below, it is that form
     structure_share: float = 0.05
@@ -242,7 +242,7 @@ def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied
     effect must do clearly more. That all conditions of all larger ones are tried is in their favour: no more is asked.
     """
     items = {effect: hypothesis.of_effect(effect) for effect in effects}
-    squared = {effect: hypothesis.size(*indices) for effect, indices in items.items()}
+    squared = {effect: hypothesis.squared_size(*indices) for effect, indices in items.items()}
     varying = functools.cache(lambda effect: Discrepancy.of(hypothesis, varied(effect)))
     kept: list[str] = []
     for effect in sorted(effects, key=lambda effect: -squared[effect]):
@@ -286,7 +286,7 @@ def _worth_saying(hypothesis: Hypothesis, loose: Sequence[int], thresholds: Thre
     What hides in less than the noise is smaller than what anybody is to find.
     """
     size = len(hypothesis.problem.residual)
-    if hypothesis.size(*loose) < size:
+    if hypothesis.squared_size(*loose) < size:
         return False
     workmanship = max(hypothesis.log_evidence - hypothesis.with_levels_of(()).log_evidence, 0.0)
     return _added(hypothesis, loose) >= thresholds.minor_share * float(np.sqrt(2.0 * workmanship / size))
@@ -295,20 +295,20 @@ def _worth_saying(hypothesis: Hypothesis, loose: Sequence[int], thresholds: Thre
 def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause:
     """Return an effect at work as a cause with its alternatives."""
     indices = hypothesis.of_effect(effect)
-    main = max(indices, key=hypothesis.size)
+    main = max(indices, key=hypothesis.squared_size)
     evidence = _evidence(hypothesis, indices)
     rivals = _rivals(hypothesis, indices)
     total = float(logsumexp([0.0, *rivals.values()]))
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.false_names}
-    squared, choices = hypothesis.size(*indices), hypothesis.rivals
+    squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
     forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
     same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
-    chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
+    probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
     form, others = hypothesis.items[main].form, tuple(sorted(likely | same))
-    return Cause(effect, form, indices, others, chance, evidence, size, exact)
+    return Cause(effect, form, indices, others, probability, evidence, size, exact)
 
 
 def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
@@ -316,11 +316,12 @@ def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
     return hypothesis.log_evidence - hypothesis.without_items(indices).log_evidence
 
 
-def _chance(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
-    """Return the probability that a part of such log evidence is neither noise nor of something unknown.
+def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
+    """Return the probability that a part worth E nats is neither noise nor of something unknown.
 
-    Beforehand each effect of the library is as likely as noise is to look like any of them. That something which the
-    library does not hold looks like one no data of one campaign tell: it counts with the accepted rate of false names.
+    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library. Beforehand each of them is as likely as noise is
+    to look like any. That something which the library does not hold looks like one no data of one campaign tell: it
+    counts with the accepted rate of false names.
     """
     return (1.0 - thresholds.false_names) * float(expit(evidence - np.log(len(hypothesis.problem.known))))
 
@@ -366,7 +367,7 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
 def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[str, float]:
     """Return the effects that explain as well what workmanship does, most of it by themselves.
 
-    With the log evidence of each, and that it is as seldom as noise looks like any effect (:func:`_chance`), where
+    With the log evidence of each, and that it is as seldom as noise looks like any effect (:func:`_probability`), where
     every machine has some workmanship.
     """
     workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
@@ -377,7 +378,7 @@ def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[
         if worth.evidence > 0.0:
             other = bare.with_item(item, worth.scale)
             index = len(other.items) - 1
-            if other.log_evidence > likely and 4.0 * other.size(index) > own @ own:
+            if other.log_evidence > likely and 4.0 * other.squared_size(index) > own @ own:
                 found[effect] = other.log_evidence - seldom
     return found
 
@@ -390,6 +391,6 @@ def _small(
     part = hypothesis.workmanship_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))
     share = softmax([hypothesis.log_evidence, *others.values()])[0]
-    chance = _chance(hypothesis, evidence, thresholds) * float(share)
+    probability = _probability(hypothesis, evidence, thresholds) * float(share)
     effect = hypothesis.problem.workmanship[kind].effect
-    return Cause(effect, WORKMANSHIP_FORM, (), tuple(sorted(others)), chance, evidence, size)
+    return Cause(effect, WORKMANSHIP_FORM, (), tuple(sorted(others)), probability, evidence, size)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import Beside, bayes_factor, largest_scale
+from pouring_robot.inference.evidence import Beside, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.together import Found, SeenProcesses, Together
@@ -221,7 +221,7 @@ class Discrepancy:
             movement = np.column_stack([part.course @ mean[place] for part, place in places])
             std = np.column_stack([np.sqrt(part.variances(covariance[place, place])) for part, place in places])
             part = problem.nuisance.cleared(sum(seen.pieces(mean), np.zeros(len(columns))))
-            worth = bayes_factor(*together.left_to(one)).evidence
+            worth = together.others(one).worth(one.name).evidence
             missed = problem.nuisance.cleared(whole - together.explained(together.beside.means_without(own), columns))
             yield Summand(one.process, seen.length, one.amplitude, worth, rms(part), part, missed, movement, std)
 

@@ -52,7 +52,7 @@ class Columns(Protocol):
         """Return the columns of some equations, (some, k)."""
 
 
-def blocks(equations: int) -> Iterator[slice]:
+def chunks(equations: int) -> Iterator[slice]:
     """Yield the equations that are looked at together."""
     for first in range(0, equations, _EQUATIONS):
         yield slice(first, first + _EQUATIONS)
@@ -111,7 +111,7 @@ class Gram:
         """Return those of groups of columns, (m, k) each, and residual (m,) beside unit noise alone."""
         count = sum(columns.shape[1] for columns in groups)
         inner, projected = np.zeros((count, count)), np.zeros(count)
-        for some in blocks(len(residual)) if groups else ():
+        for some in chunks(len(residual)) if groups else ():
             stacked = np.hstack([columns[some] for columns in groups])
             inner += stacked.T @ stacked
             projected += stacked.T @ residual[some]
@@ -212,16 +212,6 @@ class Beside:
             return np.zeros((0, 0))
         upper = np.triu(scipy.linalg.lapack.dpotri(self._factor, lower=0)[0])
         return np.asarray(upper + np.triu(upper, 1).T)
-
-    def left_out(self, own: slice) -> tuple[FloatArray, FloatArray]:
-        """Return :meth:`of` for some of the groups' columns (a,) beside all their others.
-
-        By inverting in blocks: the covariance of their coefficients is (1 + W S W)⁻¹ for what is asked for, S.
-        """
-        means, covariance = self.coefficients()
-        inverse, weights = np.linalg.inv(covariance[own, own]), self.weights[own]
-        inner = (inverse - np.eye(len(inverse))) / np.outer(weights, weights)
-        return inner, inverse @ means[own] / weights
 
     def means_without(self, own: slice) -> FloatArray:
         """Return the mean coefficients (k,) where some of the groups' columns (a,) are not there: zero for these."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.evidence import Columns, Gram, blocks, shaping_unit
+from pouring_robot.inference.evidence import Columns, Gram, chunks, shaping_unit
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_FORM = "background"
@@ -44,7 +44,7 @@ class Nuisance:
 
     def clear(self, columns: Columns) -> Columns:
         """Return columns (m, k) without it, few equations in memory, of many when they are asked for."""
-        some = list(blocks(len(self.axes)))
+        some = list(chunks(len(self.axes)))
         if len(some) < 2:
             return self.cleared(columns[:])
         absorbed = np.zeros((self.dof, columns.shape[1]))

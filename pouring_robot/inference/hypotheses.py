@@ -16,7 +16,7 @@ from pouring_robot.inference.evidence import (
     Beside,
     Scale,
     bayes_factor,
-    blocks,
+    chunks,
     most_evidence,
     most_within,
 )
@@ -155,10 +155,10 @@ class Hypothesis:
         """Log evidence, scales averaged, forms as likely as each other, up to a constant of the problem, in nats."""
         found = [self.item_bayes_factor(k) for k in range(len(self.items))]
         averaged = sum(one.evidence - one.peak for one in found)
-        return self._log_likelihood + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
+        return self._log_posterior + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
 
     @property
-    def _log_likelihood(self) -> float:
+    def _log_posterior(self) -> float:
         known = zip(self.levels, self._coarsest, strict=True)
         steps = [(level - min(_LIKELY_LEVEL, most)) / _LEVEL_SPREAD for level, most in known if level]
         prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
@@ -277,7 +277,7 @@ class Hypothesis:
             improved = False
             for levels in _neighbours(best.levels, self._coarsest):
                 other = replace(best, levels=levels)
-                if other._log_likelihood > best._log_likelihood + 1e-9:
+                if other._log_posterior > best._log_posterior + 1e-9:
                     best, improved = other, True
         return best
 
@@ -327,7 +327,7 @@ class Hypothesis:
         regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
         """
         leverage, spread = np.square(self.problem.nuisance.axes).sum(axis=1), self.coefficients()[1]
-        for some in blocks(len(leverage)):
+        for some in chunks(len(leverage)):
             own = [one.columns[some] * weights for one, weights in zip(self.fitted, self.weights(), strict=True)]
             columns = np.hstack([np.zeros((len(leverage[some]), 0)), *own])
             leverage[some] += (columns @ spread * columns).sum(axis=1)
@@ -350,19 +350,19 @@ class Hypothesis:
         return np.concatenate(places), np.concatenate([self.values[first + k] for k in indices])
 
     @property
-    def workmanship_size(self) -> float:
+    def workmanship_squared_size(self) -> float:
         """Sum of squares of what all kinds of workmanship add to the prediction together, in noise variances."""
         parts = self._parts[: len(self._parts) - len(self.items)]
         together = sum(parts, np.zeros(len(self.problem.residual)))
         return float(together @ together)
 
-    def size(self, *indices: int) -> float:
+    def squared_size(self, *indices: int) -> float:
         """Return the sum of squares of the part of an item, or of some together, in noise variances."""
         places, values = self._together(indices)
         return float(values @ self.problem.gram.columns[np.ix_(places, places)] @ values)
 
     def explained_by(self, item: Explanation, indices: Iterable[int], limits: FloatArray | None = None) -> float:
-        """Return how much of :meth:`size` of some items the main parameters of an explanation could make.
+        """Return how much of :meth:`squared_size` of some items the main parameters of an explanation could make.
 
         At the widest scale: what the free unknowns all but take up would need sizes that no machine has. ``limits``
         (k, 2), if given, are the least and largest of their coefficients.
@@ -377,7 +377,7 @@ class Hypothesis:
 
         If ``bounded`` within what nature allows: rods that would have to shrink when they are warm make nothing.
         """
-        item, total = self.items[index], self.size(index)
+        item, total = self.items[index], self.squared_size(index)
         limits = item.bounds[item.main] if bounded and item.bounds is not None else None
         if not total > 0.0 or (item.main.all() and limits is None):
             return 1.0

@@ -147,7 +147,7 @@ def _divided(current: Hypothesis, options: SearchOptions) -> Hypothesis:
 def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether a cause's part is so large that others undo it."""
     gap = options.most_cancelled**2 * float(hypothesis.problem.gram.squared)
-    return any(item.cause and hypothesis.size(k) > gap for k, item in enumerate(hypothesis.items))
+    return any(item.cause and hypothesis.squared_size(k) > gap for k, item in enumerate(hypothesis.items))
 
 
 def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:

@@ -215,10 +215,6 @@ class Together:
         shared = [np.zeros((0, len(one.projected))), *(self.seen.shared(other.left, one) for other in self.found)]
         return self.beside.outside(np.vstack(shared), one.inner, one.projected)
 
-    def left_to(self, one: Found) -> tuple[FloatArray, FloatArray]:
-        """Return the same of one of these beside the others."""
-        return self.beside.left_out(self.own(one))
-
     def own(self, one: Found) -> slice:
         """Return which columns of all are those of one."""
         first = sum(len(other.projected) for other in self.found[: self.found.index(one)])

@@ -21,7 +21,7 @@ _PATIENCE_S = 600.0
 
 
 @contextmanager
-def beside(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
+def forked(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     """Let some work be done beside what stands in a ``with`` block; a copy that is still at it ends with the block.
 
     Its result must be fit to be pickled. What fails in the copy, or hangs, is done here again, where it says why.

@@ -5,10 +5,10 @@ from .closure.energy import Loads as Loads
 from .closure.solver import ClosureOptions as ClosureOptions
 from .closure.solver import ClosureResult as ClosureResult
 from .closure.solver import ClosureSolver as ClosureSolver
-from .drive_jacobians import AxisWeakness as AxisWeakness
-from .drive_jacobians import Dexterity as Dexterity
-from .drive_jacobians import axis_weakness as axis_weakness
-from .drive_jacobians import dexterity as dexterity
+from .conditioning import AxisWeakness as AxisWeakness
+from .conditioning import Dexterity as Dexterity
+from .conditioning import axis_weakness as axis_weakness
+from .conditioning import dexterity as dexterity
 from .loops import LoopsFile as LoopsFile
 from .loops import LoopSpec as LoopSpec
 from .loops import load_loops as load_loops

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.mechanism.drive_jacobians import AxisWeakness, Dexterity
+from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.location import LadleLocation, Location
 

@@ -20,7 +20,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, Unreachable
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
-from pouring_robot.mechanism.drive_jacobians import AxisWeakness, axis_weakness
+from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
 from pouring_robot.mechanism.poses import joint_reach
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel

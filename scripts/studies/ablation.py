@@ -27,7 +27,7 @@ import numpy as np
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import state
 from pouring_robot.diagnosis.problem import known_effects
-from pouring_robot.diagnosis.processes import processes_of
+from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
 from pouring_robot.inference.processes import Process
 from scripts.benchmarks.blind_metrics import failures

@@ -239,7 +239,7 @@ def test_finds_the_planted_damage_and_nothing_else(request, drawing, measured, c
         assert flag.remedy
         assert all(0 <= row < len(broken) for row in flag.rows)
         assert all(np.isfinite(value) for value in flag.metrics.values())
-        assert flag.to_json(broken)["lines"] == [int(broken.lines[row]) for row in flag.rows]
+        assert flag.figures(broken)["lines"] == [int(broken.lines[row]) for row in flag.rows]
 
 
 def test_every_code_has_a_planted_damage():

@@ -11,7 +11,8 @@ import pytest
 
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
-from pouring_robot.design.columns import (
+from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
+from pouring_robot.design.plan_rows import (
     Conditions,
     candidate_poses,
     covariance,
@@ -19,7 +20,6 @@ from pouring_robot.design.columns import (
     projected_singular_values,
     telling,
 )
-from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import UndeterminedError, plot

@@ -25,7 +25,7 @@ def turned(residual, free):
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
         problem_at=lambda *_, **__: Problem.build(residual, linear.free, [], [item]),
-        thresholds=DEFAULT_SEARCH,
+        search_options=DEFAULT_SEARCH,
         rows=Rows(),
     )
     return held_out_in_turn(diagnoser, state, state, BLOCKS, frozenset({"slope"}))

@@ -206,7 +206,7 @@ def test_a_step_is_found_with_its_line_and_size(excluded):
     assert item.step_after == fitted[fitted <= 41].max()
     assert item.step == pytest.approx(STEP_M, rel=0.25)
     assert "a step of +" in item.sentence
-    assert item.as_json()["step"]["after_line"] == item.step_after
+    assert item.figures()["step"]["after_line"] == item.step_after
     (flag,) = (flag for flag in found.flags if flag.code is FlagCode.MEASUREMENT_JUMP)
     small = replace(found, flags=(replace(flag, severity=Severity.NOTE),))
     assert f"data: {flag.message}" in note_lines(small)

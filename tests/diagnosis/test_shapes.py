@@ -5,8 +5,8 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.processes import varied
 from pouring_robot.diagnosis.report.plots import plots, shape_of
+from pouring_robot.diagnosis.unknown import varied
 from tests.rig import Wanted, make_campaign, write_case
 
 LAG_S = 500.0

@@ -174,7 +174,7 @@ def test_suggestions_can_be_commanded_and_written(confounded):
     lower, upper = (corner[:3] for corner in robot.layout.box)
     hours = [m.hours_later for m in found.measurements]
     assert hours == sorted(hours) and hours[0] > 0.0
-    for row in json.loads(json.dumps([m.as_dict() for m in found.measurements], allow_nan=False)):
+    for row in json.loads(json.dumps([m.figures() for m in found.measurements], allow_nan=False)):
         pose = PlatformPose.from_mm_deg(*(row["pose"][name] for name in ("x_mm", "y_mm", "z_mm", "tilt_deg")))
         assert np.all(np.array(pose.position_m) >= lower) and np.all(np.array(pose.position_m) <= upper)
         commanded = list(robot.kinematics.inverse(pose).values())
@@ -188,9 +188,9 @@ def test_suggestions_can_be_commanded_and_written(confounded):
 
 def test_same_seed_same_suggestion(confounded):
     one, other = suggest_measurements(confounded, seed=7), suggest_measurements(confounded, seed=7)
-    assert one.as_dict() == other.as_dict()
-    assert [m.as_dict() for m in one.measurements] == [m.as_dict() for m in other.measurements]
-    assert one.as_dict() != suggest_measurements(confounded, seed=8).as_dict()
+    assert one.figures() == other.figures()
+    assert [m.figures() for m in one.measurements] == [m.figures() for m in other.measurements]
+    assert one.figures() != suggest_measurements(confounded, seed=8).figures()
 
 
 @pytest.mark.parametrize(

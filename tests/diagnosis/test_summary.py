@@ -107,7 +107,7 @@ def test_a_gap_is_over_the_lengths_there_are():
     assert gap.position("floor") == pytest.approx(1e-4)
     assert gap.rotation("after") == pytest.approx(0.5e-3)
     assert gap.length == "length"
-    assert set(gap.metrics()["components"]) == {"x", "y", "rx", "ry", "rz", "closure"}
+    assert set(gap.figures()["components"]) == {"x", "y", "rx", "ry", "rz", "closure"}
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
-from pouring_robot.diagnosis.processes import _of_one_condition
-from pouring_robot.diagnosis.where.fit import overall
+from pouring_robot.diagnosis.unknown import _of_one_condition
+from pouring_robot.diagnosis.where.misfit import overall
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
@@ -119,7 +119,7 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     given = scene(rng, alike=0.6)
     assert np.corrcoef(given.weight_n, given.time_s)[0, 1] > 0.7
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
-    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * load)), given)
+    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * load)), given, 0.01)
     assert conditions_found(where) == ["load"]
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert item.component == "y"
@@ -139,7 +139,7 @@ def test_time_and_load_are_both_named():
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
     error = moved(given, 2, 5e-4 * load) + moved(given, 0, 5e-4 * passed**2)
     bare = dataclasses.replace(given, rises={"melt": given.rises["melt"]})
-    where = disagreements(seen(rng, given, error), bare)
+    where = disagreements(seen(rng, given, error), bare, 0.01)
     assert set(conditions_found(where)) == {"load", "time"}
 
 
@@ -148,11 +148,11 @@ def test_what_went_along_exactly_is_named_as_a_rival():
     given = scene(rng)
     rises = {name: given.rises[name] for name in ("melt", "ambient")}
     given = dataclasses.replace(given, travels={"truss_travel": 1.0 + 3.0 * given.passed}, rises=rises)
-    where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given)
+    where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given, 0.01)
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert {item.condition, *item.rivals} >= {"time", "truss travel"}
     assert "went along" in item.sentence
-    assert set(item.as_json()["or"]) == set(item.rivals)
+    assert set(item.figures()["or"]) == set(item.rivals)
 
 
 def test_side_of_one_drive_is_found_on_that_drive():
@@ -160,7 +160,7 @@ def test_side_of_one_drive_is_found_on_that_drive():
     given = scene(rng)
     data = seen(rng, given)
     data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 6e-5 * given.approach[data.row, 1])
-    where = disagreements(data, given)
+    where = disagreements(data, given, 0.01)
     assert conditions_found(where) == ["side of approach"]
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert item.size == pytest.approx(6e-5, rel=0.15)
@@ -178,7 +178,7 @@ def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
     data = seen(rng, given)
     course = np.sin(2.0 * np.pi * waves * along) if waves else along - 0.5
     data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 3e-4 * course[data.row])
-    (item,) = [f for f in disagreements(data, given).findings if f.what == "condition"]
+    (item,) = [f for f in disagreements(data, given, 0.01).findings if f.what == "condition"]
     assert item.sentence.startswith(f"Varies along its own length, {said}: leg 2 by ")
 
 
@@ -187,7 +187,7 @@ def test_a_region_is_named_in_words_and_repeats_do_not_object():
     given = scene(rng, 120, 40)
     low = given.position_m[:, 2] < np.quantile(given.position_m[:, 2], 1 / 3)
     bump = np.where(low, np.sin(90.0 * given.position_m[:, 0]) * np.cos(150.0 * given.position_m[:, 1]), 0.0)
-    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * bump)), given)
+    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * bump)), given, 0.01)
     region = next(f for f in where.findings if f.what == "region")
     assert region.condition.startswith("low")
     assert not any(f.what == "repeats" for f in where.findings)
@@ -200,7 +200,7 @@ def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
     false = 0
     for _ in range(4):
         ripple = 1e-3 * rng.choice([-1.0, 1.0], len(given))
-        found = disagreements(seen(rng, given, moved(given, 1, ripple)), given)
+        found = disagreements(seen(rng, given, moved(given, 1, ripple)), given, 0.01)
         false += conditions_found(found) != ["row, by chance"]
     assert false <= 1
 
@@ -211,12 +211,12 @@ def test_absent_and_constant_conditions(full):
     given = scene(rng)
     none = dataclasses.replace(given, **NOTHING, time_known=False, session=np.zeros(len(given), dtype=np.intp))
     data = seen(rng, given, moved(given, 2, 1e-3 * given.position_m[:, 0] ** 2 / 0.15**2), full=full)
-    where = disagreements(data, none)
+    where = disagreements(data, none, 0.01)
     assert conditions_found(where)[0] == "pose"
     assert "load" in where.sentences[-1]
     rises = {**given.rises, "melt": np.full(len(given), 1.0)}
     constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), rises=rises)
-    *found, last = disagreements(data, constant).sentences
+    *found, last = disagreements(data, constant, 0.01).sentences
     assert "load, melt temperature" in last
     bounded = " ".join(found).partition("; with ")[2]
     assert "platform temperature" in bounded
@@ -224,8 +224,8 @@ def test_absent_and_constant_conditions(full):
     courses = {by for by, _ in _of_one_condition(constant)}
     assert courses.isdisjoint({"load", "melt temperature"})
     assert {"platform temperature", "truss travel"} <= courses
-    json.dumps(where.as_json(), allow_nan=False)
-    assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.as_json()[0])
+    json.dumps(where.figures(), allow_nan=False)
+    assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.figures()[0])
 
 
 def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
@@ -236,7 +236,7 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
     guessed = dataclasses.replace(
         data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=data.drives / wrong, noise_known=False
     )
-    where = disagreements(guessed, given)
+    where = disagreements(guessed, given, 0.01)
     assert all(f.p_value is None for f in where.findings if f.what in ("lack of fit", "component"))
     assert conditions_found(where) == ["truss travel"]
     size = next(f.size for f in where.findings if f.what == "condition")
@@ -247,7 +247,7 @@ def test_few_rows_and_lost_cells():
     rng = np.random.default_rng(12)
     given = scene(rng, 9, 3)
     data = seen(rng, given, moved(given, 1, 1e-3 * rng.normal(size=9)))
-    where = disagreements(data, given)
+    where = disagreements(data, given, 0.01)
     assert "too few" in " ".join(where.sentences)
     assert not conditions_found(where)
     assert where.findings
@@ -263,7 +263,7 @@ def test_few_rows_and_lost_cells():
         data.drives[kept],
     )
     assert lost.cleared.size == data.cleared.size - 3
-    assert disagreements(lost, given).findings
+    assert disagreements(lost, given, 0.01).findings
 
 
 def test_nothing_beyond_the_frames_is_refused():
@@ -274,9 +274,9 @@ def test_nothing_beyond_the_frames_is_refused():
     kept = data.residual[first], data.row[first], data.component[first], data.sigma[first]
     few = FreeResiduals(*kept, Nuisance(np.eye(12)), data.axes, data.drives[first])
     with pytest.raises(BadInputError, match="12 measured values"):
-        disagreements(few, given)
+        disagreements(few, given, 0.01)
     with pytest.raises(BadInputError, match="must all count"):
-        disagreements(dataclasses.replace(data, row=data.row[1:]), given)
+        disagreements(dataclasses.replace(data, row=data.row[1:]), given, 0.01)
 
 
 def test_holm_is_that_of_statsmodels():

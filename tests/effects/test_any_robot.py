@@ -10,14 +10,14 @@ import pytest
 import scipy.linalg
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.processes import CONSTANT, processes_of
 from pouring_robot.diagnosis.report.sentences import as_zeros_text
 from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.unknown import CONSTANT, processes_of
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
-from pouring_robot.effects.examples import complete_conditions
 from pouring_robot.effects.families.drives import Scale
+from pouring_robot.effects.made_up import complete_conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.instruments import NoiseLevel

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.effects.conditions import rows_beyond
-from pouring_robot.effects.examples import complete_conditions
+from pouring_robot.effects.made_up import complete_conditions
 from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
 LOADS = {"leg_compliance", "tilt_drive_compliance", "truss_deflection"}

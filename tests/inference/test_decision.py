@@ -174,7 +174,7 @@ def test_structure_beside_a_large_cause_is_its_form():
 def test_errors_of_joints_have_no_form_that_structure_could_be(kind, verdict):
     """A cause forty times as large as the structure beside it: of workmanship's kind it is all that it can be."""
     hypothesis = fitted({0: SURE}, [explanation("a", axis(0))], workmanship=(usual(kind, axis(*BLOCK)),))
-    left = Left([structure(99.0, hypothesis.size(0) ** 0.5 / ROWS**0.5 / 40.0)])
+    left = Left([structure(99.0, hypothesis.squared_size(0) ** 0.5 / ROWS**0.5 / 40.0)])
     limits = Thresholds(structure_size=0.0)
     assert judge(hypothesis, left, limits).verdict == verdict
 

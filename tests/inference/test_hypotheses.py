@@ -83,11 +83,11 @@ def test_parts_are_the_conditional_mean(small):
     for index, item in enumerate(small.items):
         own = small.scales[index].main ** 2 * item.columns @ item.columns.T
         np.testing.assert_allclose(small.part(index), own @ pull, atol=1e-12)
-        assert small.size(index) == pytest.approx(((own @ pull) ** 2).sum())
-    assert small.size(0, 1) == pytest.approx(((small.part(0) + small.part(1)) ** 2).sum())
+        assert small.squared_size(index) == pytest.approx(((own @ pull) ** 2).sum())
+    assert small.squared_size(0, 1) == pytest.approx(((small.part(0) + small.part(1)) ** 2).sum())
     usual = WORKMANSHIP_LEVELS[5] * small.problem.workmanship[0].columns
     np.testing.assert_allclose(small.workmanship_part(0), usual @ usual.T @ pull, atol=1e-12)
-    assert small.workmanship_size == pytest.approx(((usual @ usual.T @ pull) ** 2).sum())
+    assert small.workmanship_squared_size == pytest.approx(((usual @ usual.T @ pull) ** 2).sum())
 
 
 def test_parts_and_what_is_left_make_the_residual(small):
@@ -269,7 +269,7 @@ def test_a_column_that_the_free_unknowns_all_but_take_up_stands_for_nothing_else
     found = Hypothesis.nothing(problem(40.0 * course, effects, free=free[:, None]))
     drift, zero = found.problem.explanations
     named = found.with_item(drift, Scale(1.0))
-    assert named.explained_by(drift, (0,)) == pytest.approx(named.size(0), rel=1e-4)
+    assert named.explained_by(drift, (0,)) == pytest.approx(named.squared_size(0), rel=1e-4)
     assert named.explained_by(zero, (0,)) < 1.0
 
 

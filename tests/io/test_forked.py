@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="co
 START = """
     import os, sys, threading, time
     from pouring_robot.exceptions import OutputError
-    from pouring_robot.io.beside import beside
+    from pouring_robot.io.forked import forked
 """
 
 
@@ -26,7 +26,7 @@ def run(code):
 def test_a_copy_works_while_this_process_goes_on():
     done = run(
         """
-        with beside(lambda: (os.getpid(), "x" * 10**6)) as found:
+        with forked(lambda: (os.getpid(), "x" * 10**6)) as found:
             pid, text = found()
         print(pid != os.getpid(), len(text))
         """
@@ -39,7 +39,7 @@ def test_beside_another_thread_the_work_is_done_here():
         """
         stop = threading.Event()
         threading.Thread(target=stop.wait).start()
-        with beside(os.getpid) as found:
+        with forked(os.getpid) as found:
             print(found() == os.getpid())
         stop.set()
         """
@@ -54,7 +54,7 @@ def test_what_fails_in_a_copy_is_done_here_again_and_says_why():
             raise OutputError("folder/file", str(os.getpid()))
 
         try:
-            with beside(draw) as found:
+            with forked(draw) as found:
                 found()
         except OutputError as error:
             print(error.problem == str(os.getpid()))
@@ -67,7 +67,7 @@ def test_what_a_copy_ends_without_is_done_here():
     done = run(
         """
         here = os.getpid()
-        with beside(lambda: os.getpid() if os.getpid() == here else os._exit(3)) as found:
+        with forked(lambda: os.getpid() if os.getpid() == here else os._exit(3)) as found:
             print(found() == here)
         """
     )
@@ -80,7 +80,7 @@ def test_a_copy_ends_with_its_process(how):
     code = """
         import signal
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        with beside(lambda: print(os.getpid(), flush=True) or time.sleep(300)) as found:
+        with forked(lambda: print(os.getpid(), flush=True) or time.sleep(300)) as found:
             found()
     """
     whole = textwrap.dedent(START) + textwrap.dedent(code)

@@ -10,7 +10,7 @@ from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.rendering import run_xacro
-from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
+from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import meshes_from, urdf_files
 from pouring_robot.robot.view.scene import drawn_robot
 

@@ -11,8 +11,8 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
-from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, refuse_present, write_together
+from pouring_robot.io.forked import forked
 from pouring_robot.mechanism.poses import MM, pose_figures
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
@@ -32,7 +32,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     folder = check_folder(folder)
     refuse_present([folder / name for name in (METRICS, REPORT)], overwrite=overwrite)  # before the work
     files: dict[Path, bytes | str] = {}
-    with beside(lambda: _plots(diagnosis)) as drawn:
+    with forked(lambda: _plots(diagnosis)) as drawn:
         files[folder / MODEL] = described(diagnosis).file_text(folder)
         metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
         ladles = _ladles(diagnosis)
@@ -89,7 +89,7 @@ Metrics = dict[str, Any]
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``, which says where the amended model file is."""
-    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
+    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.search_options, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
@@ -99,8 +99,8 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "headline": headline(diagnosis),
         "effects": [_effect(diagnosis, effect) for effect in diagnosis.firm],
         "nearest": [_effect(diagnosis, effect) for effect in diagnosis.nearest],
-        "where": diagnosis.where.as_json(),
-        "gap": {name: gap.metrics() for name, gap in diagnosis.gaps.items()},
+        "where": diagnosis.where.figures(),
+        "gap": {name: gap.figures() for name, gap in diagnosis.gaps.items()},
         "untestable": [
             {
                 "effect": effect,
@@ -111,15 +111,15 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             for effect, missing in diagnosis.untestable.items()
         ],
         "not_needed_nats": diagnosis.spare,
-        "suggested_measurements": [measurement.as_dict() for measurement in diagnosis.suggestion.measurements],
-        "suggestion": diagnosis.suggestion.as_dict(),
-        "data_flags": [flag.to_json(diagnosis.campaign) for flag in diagnosis.flags],
+        "suggested_measurements": [measurement.figures() for measurement in diagnosis.suggestion.measurements],
+        "suggestion": diagnosis.suggestion.figures(),
+        "data_flags": [flag.figures(diagnosis.campaign) for flag in diagnosis.flags],
         "model": model_file,
         "amended": not diagnosis.refused,
         "worse": diagnosis.worse,
         "reasons": list(judgement.reasons),
         "misfit": diagnosis.misfit,
-        "remainder": [item.as_json() for item in diagnosis.remainder],
+        "remainder": [item.figures() for item in diagnosis.remainder],
         "challenges": [
             {"effect": cause.effect, "description": found.process.name, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged
@@ -151,7 +151,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     # A campaign too small for held-out rows has the key all the same.
     content["gap"].setdefault("held_out", None)
     if diagnosis.in_turn:
-        content["gap"]["in_turn"] = diagnosis.in_turn.metrics()
+        content["gap"]["in_turn"] = diagnosis.in_turn.figures()
     cleaned: Metrics = without_nan(content)
     return cleaned
 

@@ -123,7 +123,7 @@ def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
     found, hidden = diagnosis.hypothesis, diagnosis.judgement.thresholds.hidden
     single = [item for item in found.problem.explanations if item.columns.shape[1] == 1]
     for index in (k for effect in diagnosis.effects for k in effect.cause.indices if found.items[k] in single):
-        own, seen = found.items[index], found.size(index)
+        own, seen = found.items[index], found.squared_size(index)
         others = [
             item for item in single if item.effect == own.effect and item.key not in found.keys and not item.one_of
         ]

@@ -20,8 +20,8 @@ from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
-from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError

@@ -48,7 +48,7 @@ class SuggestedMeasurement:
     separates: tuple[str, str]  # the two explanations it tells apart best
     nats: float  # by how much their log evidence difference is expected to grow, given the measurements of a lower rank
 
-    def as_dict(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
         place, drives = in_mm_deg(self.pose), self._commanded()
         return {
@@ -150,7 +150,7 @@ class Suggestion:
         """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
         return rows_csv([m.plan_row(k + 1) for k, m in enumerate(self.measurements)])
 
-    def as_dict(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""
         return {
             "separations": [asdict(pair) for pair in self.separations],

@@ -76,7 +76,7 @@ class Finding:
     rivals: tuple[str, ...] = ()  # conditions that went along and would explain it as well
     share: float = 1.0  # of the sum of squares, what this condition explains beside those before it
 
-    def as_json(self) -> dict[str, object]:
+    def figures(self) -> dict[str, object]:
         """Return it as ``diagnosis.json`` holds it."""
         size = {"size_mrad": self.size / MRAD} if self.turning else {"size_mm": self.size / MM}
         out = {"what": self.what, "component": self.component, "condition": self.condition, **size}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.where.dependence import dependence, untested
-from pouring_robot.diagnosis.where.fit import components, overall, regions, repeats
+from pouring_robot.diagnosis.where.misfit import components, overall, regions, repeats
 from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
@@ -41,13 +41,13 @@ class Where:
                 found.append(f"By component (rms, axes of the {self.base}): {sizes}.")
         return (*(found or ["Model and measurement agree within the noise."]), *self.notes)
 
-    def as_json(self) -> list[dict[str, object]]:
+    def figures(self) -> list[dict[str, object]]:
         """Return ``where`` of ``diagnosis.json``."""
-        return [item.as_json() for item in self.findings]
+        return [item.figures() for item in self.findings]
 
 
 @one_blas_thread()
-def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.01) -> Where:
+def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> Where:
     """Return where model and measurement disagree.
 
     Of the probability ``alpha`` of any finding by noise alone half goes to lack of fit, components, repeats and
@@ -80,14 +80,15 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
         *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
         *[f for f in general if f.what == "region"][:1],
     )
-    return Where(findings, tuple(noted), conditions.causes.words.base)
+    of_both_halves = tuple(f if f.p_value is None else replace(f, p_value=min(2.0 * f.p_value, 1.0)) for f in findings)
+    return Where(of_both_halves, tuple(noted), conditions.causes.words.base)
 
 
 def _judged(family: list[Finding], alpha: float) -> list[Finding]:
     """Return what is significant of a family, with corrected p-values; all sizes where noise is unknown."""
     corrected = iter(holm(np.array([f.p_value for f in family if f.p_value is not None])).tolist())
-    kept = [f if f.p_value is None else replace(f, p_value=min(2.0 * next(corrected), 1.0)) for f in family]
-    return [f for f in kept if f.p_value is None or f.p_value < 2.0 * alpha]
+    kept = [f if f.p_value is None else replace(f, p_value=next(corrected)) for f in family]
+    return [f for f in kept if f.p_value is None or f.p_value < alpha]
 
 
 def holm(p_values: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ import scipy.linalg
 
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS, frame_starts
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, frame_starts
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import skew
@@ -76,7 +76,7 @@ def fit_frames(
         rough: stay at the best start, for a quarter of the time; what is untold is then not looked for.
 
     Raises:
-        FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
+        FrameFitError: fewer than :data:`FEWEST_FOR_FRAMES` rows have a pose and a complete position.
     """
     turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
     fit = _Fit(poses, PoseStack(position_m, turned), metres_per_rad)
@@ -187,8 +187,8 @@ class _Fit:
     def starts(self) -> list[OuterFrames]:
         """Return where the search starts, the best first."""
         complete = self.poses.complete & np.isfinite(self.measured.position_m).all(axis=1)
-        if complete.sum() < FEWEST_ROWS:
-            raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
+        if complete.sum() < FEWEST_FOR_FRAMES:
+            raise FrameFitError(int(complete.sum()), FEWEST_FOR_FRAMES)
         return frame_starts(self.poses[complete], self.measured[complete], self.arm)
 
     def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:

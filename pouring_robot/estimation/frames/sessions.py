@@ -16,7 +16,7 @@ import pinocchio as pin
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
-from pouring_robot.estimation.frames.starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
@@ -54,8 +54,9 @@ def by_size(campaign: Campaign) -> list[str]:
 
 
 def _too_few(campaign: Campaign, name: str) -> CampaignError:
-    few = f"session '{name}' has fewer than {FEWEST_ROWS} whole positions, so nobody knows where it was measured from"
-    return CampaignError(campaign.path, f"{few}; measure more, or leave it out")
+    few = f"session '{name}' has fewer than {FEWEST_FOR_FRAMES} whole positions"
+    unknown = "so nobody knows where it was measured from; measure more, or leave it out"
+    return CampaignError(campaign.path, f"{few}, {unknown}")
 
 
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
@@ -73,7 +74,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     sessions, names = np.array(campaign.sessions), by_size(campaign)
     measured = campaign.measured_poses
     largest = np.flatnonzero(sessions == names[0])
-    if np.count_nonzero(campaign.usable[largest]) < FEWEST_ROWS:
+    if np.count_nonzero(campaign.usable[largest]) < FEWEST_FOR_FRAMES:
         raise _too_few(campaign, names[0])
     arm_m, seen = campaign.metadata.metres_per_rad, measured[largest]
     first = fit_frames(poses[largest], seen.position_m, seen.rotation, arm_m).frames
@@ -96,7 +97,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
     Rows weigh by Huber; rotations, where measured, weigh as places at the end of an arm.
     """
     used = target.complete & np.isfinite(measured.position_m).all(axis=1)
-    if used.sum() < FEWEST_ROWS:
+    if used.sum() < FEWEST_FOR_FRAMES:
         return None
     here, there = target[used], measured[used]
     turned = np.isfinite(there.rotation).all(axis=(1, 2))

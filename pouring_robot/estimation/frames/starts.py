@@ -23,7 +23,7 @@ from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
-FEWEST_ROWS = 6
+FEWEST_FOR_FRAMES = 6
 """Rows that a fit of the frames needs at the least."""
 _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
@@ -49,7 +49,9 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     there, seen = poses[chosen], measured[chosen]
     middle, centre = np.median(seen.position_m, axis=0), np.median(there.position_m, axis=0)
     # All rows, and sets of six drawn at random.
-    drawn = np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1) < FEWEST_ROWS
+    drawn = (
+        np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1) < FEWEST_FOR_FRAMES
+    )
     sets = np.vstack([np.ones(len(chosen)), drawn])
     form = _Form(
         PoseStack(there.position_m - centre, there.rotation),

@@ -12,7 +12,7 @@ import xacro
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.files import read_text
-from pouring_robot.robot.description.strangers import confined
+from pouring_robot.robot.description.untrusted import confined
 
 # How xacro begins to complain about the way a macro is called.
 _CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")

@@ -18,7 +18,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import read_text, write_together
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.strangers import package, readable
+from pouring_robot.robot.description.untrusted import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 _FARTHEST = 30.0

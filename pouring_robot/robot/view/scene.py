@@ -15,7 +15,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
-from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
+from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
 from pouring_robot.robot.location_figures import decimals
