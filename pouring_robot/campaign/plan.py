@@ -9,6 +9,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.command import command_box
@@ -103,7 +104,7 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     expect(robot, Robot, LOADED)
     count = whole(count, 1, f"a plan has 1 to {_MOST_POSES} poses", _MOST_POSES)
     seed = whole(seed, 0, "the seed of a plan is a whole number from 0 on")
-    random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)
+    random, (lower, upper) = generator(seed, Stream.PLAN), command_box(robot.command_axes)
     poses: list[Command] = []
     drives: list[FloatArray] = []
     for _ in range(50 * count):

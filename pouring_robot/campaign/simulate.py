@@ -17,6 +17,7 @@ from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -131,7 +132,7 @@ def simulate_campaign(
     if options.outliers > rows:
         raise BadInputError(f"{options.outliers} outliers do not fit into {rows} rows")
     path = Path(path)
-    random = np.random.default_rng([options.seed, 2])
+    random = generator(options.seed, Stream.SIMULATION)
     outer, inner = _frames(options, random)
     actual = _actual_poses(robot, plan, robots, path, progress)
     seen = [outer * pose * inner for pose in actual]

@@ -26,6 +26,7 @@ from pouring_robot.design.plan_rows import index_slopes
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 # Keeps random first plans regular; against a mean information of one it changes no decision.
@@ -62,7 +63,7 @@ def choose(
     """
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)
-    random = np.random.default_rng([seed, 3])
+    random = generator(seed, Stream.EXCHANGE)
     best, most = np.empty(0, dtype=np.intp), -np.inf
     for start in range(starts):
         # In turn: by determinant first, which is mostly good; the best so far, shaken; at random, for other valleys.

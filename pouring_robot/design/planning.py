@@ -36,6 +36,7 @@ from pouring_robot.estimation.identifiability import base_parameters, observabil
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -322,7 +323,7 @@ def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditi
     """Return rows of a random plan like the one asked for: commands (rows, k) in m and rad, and their conditions."""
     request = planner.request
     drawn = random_plan(planner.robot, request.poses, seed)
-    random = np.random.default_rng([seed, 4])
+    random = generator(seed, Stream.VISITS)
     both = set(random.choice(request.poses, request.both_sides, replace=False).tolist())
     poses, conditions = [], []
     for k, pose in enumerate(drawn.rows):

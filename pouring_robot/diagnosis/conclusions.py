@@ -86,6 +86,11 @@ class Conclusions(Findings):
         return self._amended[1]
 
     @property
+    def changed(self) -> bool:
+        """Whether the amended model differs from the given one."""
+        return bool(self.effects) and not self.refused
+
+    @property
     def gaps(self) -> dict[str, Gap]:
         """The gap by kind of rows; of a model that was not amended nothing changes."""
         found = {"held_out": self.held_out, "train": self.train}

@@ -59,7 +59,7 @@ class DiagnosisOptions:
 
     exclude: str | tuple[str, ...] = ()  # ids of effects that are not to be named
     hold_out: HoldOut = "auto"  # kind of block that takes no part
-    # rate of false names that is accepted where nothing is missing; every threshold of the evidence follows from it
+    # rate of false names that is accepted where nothing is missing; what evidence a name needs follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
     next_count: int = 10  # how many measurements to suggest
     # standard deviation that places of joints, in mm, and directions of their axes, in mrad, are known not to exceed,
@@ -129,7 +129,7 @@ class Diagnosis(Conclusions, Result):
 
     @one_blas_thread()
     def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
-        """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; return the files.
+        """Write the files of :func:`~pouring_robot.diagnosis.report.export.write_diagnosis`; return their paths.
 
         Raises:
             OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.

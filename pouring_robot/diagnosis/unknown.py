@@ -36,9 +36,15 @@ SIDE = "side of approach"
 _MOST_BY_CHANCE = 600
 PoseLengths = dict[str, tuple[float, int]]
 """Length scales over the standardised pose, in words, each with the largest number of its columns."""
+# Length scales, all of them in a table: docs/inference.md, "One discrepancy". Of several each is as likely.
 _POSE_LENGTHS: PoseLengths = {"widely": (1.2, 50), "finely": (0.6, 80)}
+_COMPONENT_LENGTHS: PoseLengths = {"": (1.2, 40)}
+_REGION_LENGTH, _REGION_MOST = 1.5, 12
+_NUMBER_LENGTH, _KIND_LENGTH = 1.0, 2.0  # over standardised values: of one, of all thermometers of a kind
 _SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
 _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
+_LEAN_LENGTHS = {"coarsely": 0.5, "finely": 0.25}
+_LEAN_UNIT_M, _LEAN_UNIT_RAD = 0.3, 0.4
 
 Lengths = dict[str, FloatArray]
 """Courses (n, k) by the length scale in words."""
@@ -119,7 +125,7 @@ def disagreements_of(places: Places) -> Iterator[Process]:
     counts on scales that are short against its stroke: the rest is a matter of pose.
     """
     given, found = places.given, []
-    for by, lengths in (*_of_one_condition(places.given), *_of_pose(places.given, {"": (1.2, 40)})):
+    for by, lengths in (*_of_one_condition(places.given), *_of_pose(places.given, _COMPONENT_LENGTHS)):
         found.append((by, {words: _without_mean(course) for words, course in lengths.items()}))
     for one in places.seen:
         yield from (_moved(one.name, by, [one], lengths) for by, lengths in found)
@@ -175,11 +181,11 @@ def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
     for by, values in _changing(given, (f"{name}_m" for name in given.travels)).items():
         yield by, wandering(values)
     for by, values in _changing(given, numbers(given)).items():
-        yield by, smooth(standardised(values), 1.0)
+        yield by, smooth(standardised(values), _NUMBER_LENGTH)
     for kind in given.causes.thermometers:
         rises = given.value(f"{kind.name}_rise_k")
         if len(kind.members) > 1 and rises is not None and np.ptp(rises, axis=0).any():
-            yield kind.word, smooth(standardised(rises), 2.0, most=20)
+            yield kind.word, smooth(standardised(rises), _KIND_LENGTH, most=20)
     if given.approach is not None:
         yield SIDE, given.approach
     pose = poses(given)
@@ -205,7 +211,7 @@ def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Leng
         factor = standardised(values)[:, None]
         yield f"pose and {by}", {words: course[:, :50] * factor for words, course in lengths.items()}
     if given.session.max() > 0:
-        regional = _USUAL * smooth(pose, 1.5, most=12)
+        regional = _USUAL * smooth(pose, _REGION_LENGTH, most=_REGION_MOST)
         yield "pose and session", {"": np.hstack([regional * s[:, None] for s in separate(given.session).T])}
 
 
@@ -237,14 +243,14 @@ def _by_lean(
     if given.swing_rad is None:
         return
     swinging = [
-        (of_drive[d], np.column_stack([given.drives[:, k] / 0.3, given.swing_rad[:, k] / 0.4]))
+        (of_drive[d], np.column_stack([given.drives[:, k] / _LEAN_UNIT_M, given.swing_rad[:, k] / _LEAN_UNIT_RAD]))
         for d, k in zip(drives, given.places(drives), strict=True)
         if np.isfinite(given.swing_rad[:, k]).all()
     ]
     if swinging:
         lengths = {
             words: tuple(Part(c, _USUAL * smooth(v, size, most=50)) for c, v in swinging)
-            for words, size in (("coarsely", 0.5), ("finely", 0.25))
+            for words, size in _LEAN_LENGTHS.items()
         }
         yield Process(name, "own length and lean", lengths)
 

@@ -77,7 +77,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
 
 
 def facts_of(name: str, robot: RobotDefinition) -> Facts:
-    """Return the facts of a condition; nothing is known of somebody's own."""
+    """Return the facts of a condition; of one without facts nothing is known."""
     return known_facts(robot).get(name, Facts())
 
 
@@ -235,5 +235,5 @@ def axis_over(wanted: Iterable[str], conditions: Conditions) -> Axis:
 
 
 def sources(needs: Iterable[str], robot: RobotDefinition) -> tuple[str, ...]:
-    """Return the columns and YAML keys that conditions come from; a condition of somebody's own keeps its name."""
+    """Return the columns and YAML keys that conditions come from; one without facts keeps its name."""
     return tuple(dict.fromkeys(name for need in needs for name in (facts_of(need, robot).sources or (need,))))

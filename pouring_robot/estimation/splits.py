@@ -62,7 +62,7 @@ class Split:
 
 
 def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
-    """Split a campaign, but for rows that no fit should use; what was measured plays no part in it, only what was seen.
+    """Split a campaign, but for rows that no fit should use; which components were measured counts, never their values.
 
     The test block is the last session or stretch of time, or, of the regions that the other rows can foretell, the one
     whose first row comes last. Of themselves (``auto``) blocks are sessions if there are four or more, the last large

@@ -265,7 +265,7 @@ def bayes_factor(
 def most_evidence(
     columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> float:
-    """Return what :func:`bayes_factor` of the same does not exceed: all that the widest scales explain, for nothing."""
+    """Return an upper bound of :func:`bayes_factor`: all that the widest scales explain, without what scales cost."""
     widest = float(np.exp(LOG_SCALES[-1]))
     weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
     inner = weights[:, None] * columns * weights

@@ -5,6 +5,7 @@ import csv
 import functools
 import io
 import json
+import re
 import tempfile
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from pouring_robot.effects.registry import all_effects
 from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.hidden import HOT, NOTHING, campaign
+from tests.support import ROOT
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 FUZZ = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -114,6 +116,7 @@ def test_the_amended_model_closes_the_gap(hot, run, written):
     assert code == 0
     assert figures["verdict"] == "no_gap"
     assert figures["effects"] == []
+    assert not figures["amended"]
     assert said.startswith("NO GAP")
 
 
@@ -126,6 +129,17 @@ def test_json_is_json_and_equals_the_file_and_files_of_a_user_stay(hot, run, tmp
     assert len(printed.pop("written")) == len(FILES)
     assert printed == figures
     assert {path.name for path in (tmp_path / "out").iterdir()} == {*FILES, "mine.txt"}
+
+
+def test_the_documentation_names_every_key_of_the_json_and_no_other(written):
+    _, (_, figures, _, _) = written
+    page = (ROOT / "docs" / "diagnosis.md").read_text()
+    rows = re.findall(r"^\| (`.*?) \| (.*) \|$", page.partition("`diagnosis.json` holds (")[2], flags=re.MULTILINE)
+    told = {key: words for keys, words in rows for key in re.findall(r"`(\w+)`", keys)}
+    assert set(told) == set(figures)
+    (effect,) = figures["effects"]
+    assert set(effect) <= {*re.findall(r"`(\w+)`", told["effects"]), "effect"}
+    assert figures["amended"]
 
 
 def test_an_excluded_effect_is_not_named(hot, run):

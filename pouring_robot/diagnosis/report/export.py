@@ -115,7 +115,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "suggestion": diagnosis.suggestion.figures(),
         "data_flags": [flag.figures(diagnosis.campaign) for flag in diagnosis.flags],
         "model": model_file,
-        "amended": not diagnosis.refused,
+        "amended": diagnosis.changed,
         "worse": diagnosis.worse,
         "reasons": list(judgement.reasons),
         "misfit": diagnosis.misfit,

@@ -76,7 +76,7 @@ def seen_states(diagnosis: Conclusions) -> list[SeenState]:
     rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.after
     given = SeenState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
     states = _drawing_and(given, rows)
-    if diagnosis.effects and not diagnosis.refused:
+    if diagnosis.changed:
         changes = rows.changes(after.parameters, after.values)
         states.append(SeenState.of("amended model", rows, changes, after.frames))
     return states
@@ -104,7 +104,7 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     if diagnosis.model.robot is not None:
         return None
     states, campaign = seen_states(diagnosis), diagnosis.rows.campaign
-    reference = states[-2 if diagnosis.effects and not diagnosis.refused else -1]
+    reference = states[-2 if diagnosis.changed else -1]
     gaps = np.linalg.norm(reference.gaps_m(_tool(diagnosis.model)), axis=1)
     order = _everywhere(states)
     order = order[np.argsort(gaps[order])]

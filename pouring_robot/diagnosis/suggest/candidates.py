@@ -27,6 +27,7 @@ from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -94,7 +95,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
 
 def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
     """Return drives between those of two rows of the campaign each, drawn at random, and their closed poses."""
-    random = np.random.default_rng([seed, 5])
+    random = generator(seed, Stream.DRIVES)
     shares = random.uniform(0.0, 1.0, (_TRIES * count, 1))
     first, second = random.integers(0, len(campaign), (2, _TRIES * count))
     drives = shares * campaign.drives[first] + (1.0 - shares) * campaign.drives[second]
@@ -108,7 +109,7 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
 def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
     """Return so many measurements that could follow a campaign, drawn within what can be reached and recorded."""
     poses, drives, payload_kg, travels = _reach(campaign, model, count, seed)
-    random = np.random.default_rng([seed, 7])
+    random = generator(seed, Stream.CANDIDATES)
     block = np.sort(np.arange(count) % len(_BLOCKS))
     after_h, hot = np.array([_BLOCKS[k][0] for k in block]), np.array([_BLOCKS[k][1] for k in block])
     within = np.arange(count) - np.searchsorted(block, block)

@@ -18,6 +18,7 @@ from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -189,7 +190,7 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
     predictions = [_prediction(c, prospect) for c in contenders]
     k = prospect.components
     choice = choose(predictions, pairs, k, min(count, len(possible)))
-    random = np.random.default_rng([seed, 11])
+    random = generator(seed, Stream.RANDOM_SETS)
     sets = [random.choice(len(possible), choice.chosen.size, replace=False) for _ in range(RANDOM_SETS)]
     by_chance = np.array([expected(predictions, pairs, k, chosen) for chosen in sets])
     grown = expected(predictions, pairs, k, choice.chosen)

@@ -49,10 +49,8 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     there, seen = poses[chosen], measured[chosen]
     middle, centre = np.median(seen.position_m, axis=0), np.median(there.position_m, axis=0)
     # All rows, and sets of six drawn at random.
-    drawn = (
-        np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1) < FEWEST_FOR_FRAMES
-    )
-    sets = np.vstack([np.ones(len(chosen)), drawn])
+    drawn = np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1)
+    sets = np.vstack([np.ones(len(chosen)), drawn < FEWEST_FOR_FRAMES])
     form = _Form(
         PoseStack(there.position_m - centre, there.rotation),
         PoseStack(seen.position_m - middle, seen.rotation),

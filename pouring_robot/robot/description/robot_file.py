@@ -62,7 +62,7 @@ class RobotFile(StrictModel):
     # drives that share a cause, by the group's name; by default all angles and all lengths
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
     # joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default all. Where
-    # nothing outside measures, what is held fixes the frame that the others are told in.
+    # nothing outside measures, joints that are left out define the frame in which the others' errors are told.
     places: tuple[str, ...] | None = None
     axes: tuple[str, ...] | None = None  # joints whose axes may point elsewhere; by default all
     tolerances: str | None = None  # a tolerances file of this robot's own

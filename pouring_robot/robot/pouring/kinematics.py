@@ -1,6 +1,6 @@
 """Kinematics of the 4-UPU mechanism: closed forms for the nominal robot, workspace and joint limits.
 
-The nominal robot closes exactly, with two pairs of equal planar chains, so both directions have closed forms
+The nominal robot closes exactly, with two pairs of equal planar chains, so both directions have closed forms.
 They give the drives a controller commands, and start the closure of the actual robot.
 """
 

@@ -16,7 +16,7 @@ from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
-"""Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
+"""Parts with a temperature of their own; legs and platform as campaigns name their columns (``leg1_degC`` …)."""
 
 _Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, Field(gt=0.0, le=1.0)]

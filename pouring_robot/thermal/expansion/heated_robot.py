@@ -4,9 +4,10 @@ Temperatures depend on the pose and the pose on temperatures. Both are settled b
 closure at these temperatures, until a turn no longer moves the ladle. Inside one closure the temperatures are held.
 What the last turn still moved is reported.
 
-Along a path all poses are closed at once. Temperatures are taken once a pose where the ladle is wanted, or twice: where
-it is commanded, poses near each other sharing theirs, then where it is. Those of one pose start those of the next. What
-this leaves out: legs are taken as long as the drawing's at that place, millimetres off, which is about a kelvin.
+Along a path all poses are closed at once. To compensate, temperatures are worked out once a pose, where the ladle is
+wanted. To locate, twice: where it is commanded, with poses near each other sharing theirs, then where it is. Those of
+one pose start those of the next. What this leaves out: legs are taken as long as the drawing's at that place,
+millimetres off, which is about a kelvin.
 """
 
 from __future__ import annotations
