@@ -1,7 +1,13 @@
 """Processes as the equations of one problem see them: beside a hypothesis, and at work together beside it.
 
 All inner products are formed once: with free unknowns and the hypothesis for every process, with each other for two
-that are at work together. Nothing here knows the robot.
+that are at work together. Nothing here knows the robot. From step to step a process is
+
+- :class:`~.processes.Process`: what moves by which condition, at several length scales;
+- :class:`Seen`: one of these in a problem, free unknowns projected out;
+- :class:`Left`: what a hypothesis leaves of that;
+- :class:`Found`: at its best length scale, beside others at work (:class:`Together`);
+- :class:`~.discrepancy.Summand`: with its share of what all of them do.
 """
 
 from __future__ import annotations
