@@ -62,15 +62,15 @@ def test_drive_offsets_follow_the_convention():
     assert "leg4_s5" not in growth
 
 
-def test_placements_grow_the_platforms_and_the_passive_leg(drawing):
+def test_placements_grow_the_platforms(drawing):
     expansion = heated(leg4=120.0, platform=220.0, fixed_platform=70.0)
-    errors = expansion.placements(drawing.kinematics, {"leg4_s3": 0.7})
+    errors = expansion.placements(drawing.kinematics)
     for k, i in enumerate(CHAINS):
         seat, base = errors[f"leg{i}_seat_mount"], errors[f"leg{i}_s1"]
         assert seat.translation == pytest.approx(2.4e-3 * drawing.kinematics.moving_centres_m[k])
         assert base.translation == pytest.approx(6e-4 * drawing.kinematics.fixed_centres_m[k])
         assert np.array_equal(seat.rotation, np.eye(3))
-    assert errors["leg4_s3"].translation == pytest.approx((0.0, 0.0, -0.7 * 1.2e-3))
+    assert len(errors) == 2 * len(CHAINS)
 
 
 def test_all_equally_warm_is_a_larger_robot(drawing):
@@ -82,11 +82,12 @@ def test_all_equally_warm_is_a_larger_robot(drawing):
         assert result.rotation == pytest.approx(pose.to_se3().rotation, abs=1e-9)
 
 
-def test_growth_of_the_passive_leg_moves_nothing(drawing):
-    cold = drawing.locate(POSE).nominal.pose_base_to_end
-    warm = WarmRobot(drawing, heated(leg4=500.0), POSE).solve()
-    assert warm.pose_base_to_end.translation == pytest.approx(cold.translation, abs=1e-10)
-    assert warm.joint_values["leg4_s3"] < drawing.kinematics.joint_values(POSE)["leg4_s3"] - 1e-3
+def test_growth_of_the_passive_leg_moves_nothing(as_built):
+    """Nor does it where the leg's axes are tilted: its joint is as long as the leg, as those of the driven legs are."""
+    cold = as_built.locate(POSE).actual
+    warm = WarmRobot(as_built, heated(leg4=500.0), POSE).solve()
+    assert warm.pose_base_to_end.translation == pytest.approx(cold.pose_base_to_end.translation, abs=1e-12)
+    assert warm.joint_values == pytest.approx(cold.joint_values, abs=1e-12)
 
 
 def test_measured_temperatures_replace_computed_ones(network):

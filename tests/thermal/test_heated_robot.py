@@ -35,8 +35,7 @@ def test_temperatures_are_those_of_where_the_ladle_is(heated):
 def test_the_warm_location_is_one_closure_of_everything(heated, as_built):
     found = heated.locate(POSE)
     once = WarmRobot(as_built, found.robot.expansion, POSE).solve().pose_base_to_end
-    # What is left is where the passive leg stands: a growth of micrometres along an axis off by a milliradian.
-    assert PoseDifference.between(found.location.actual.pose_base_to_end, once).distance_m < 1e-8
+    assert PoseDifference.between(found.location.actual.pose_base_to_end, once).distance_m < 1e-12
     assert found.location.nominal.pose_base_to_end.translation == pytest.approx(POSE.position_m, abs=1e-12)
 
 

@@ -4,8 +4,8 @@ A leg that is warmer than the drawing's temperature by ΔT(s) is longer by ∫ �
 convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms grow about their origins, so that
 each U-joint centre moves outwards by α ΔT times its place.
 
-The growth of a driven leg is a drive offset; that of a passive one displaces its prismatic joint along the leg and is
-taken up by it. Measured temperatures can take the place of computed ones, part by part.
+The growth of a driven leg is a drive offset; that of a passive one is taken up by its joint and moves nothing.
+Measured temperatures can take the place of computed ones, part by part.
 
 A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
 """
@@ -63,19 +63,11 @@ class ThermalExpansion:
 
         Offsets that the drives have without heat, in m, grow with the leg; θ46 is no length and left out.
         """
-        strain, have = self._by_joint(), offsets or {}
+        strain, have = {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}, offsets or {}
         return {name: strain[name] * (value + have.get(name, 0.0)) for name, value in drives.items() if name in strain}
 
-    def _by_joint(self) -> dict[str, float]:
-        return {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}
-
-    def placements(
-        self, kinematics: FourUPUKinematics, passive_lengths_m: Mapping[str, float] | None = None
-    ) -> dict[str, pin.SE3]:
-        """Return the joints of the drawing that heat displaces, by name: U-joint centres, passive prismatic joints.
-
-        ``passive_lengths_m``: length of each leg that is not driven, by its prismatic joint.
-        """
+    def placements(self, kinematics: FourUPUKinematics) -> dict[str, pin.SE3]:
+        """Return the joints of the drawing that heat displaces, by name: the U-joint centres."""
         mechanism, errors = kinematics.mechanism, {}
         data = mechanism.frames_at(mechanism.neutral_configuration())
         for k, i in enumerate(CHAINS):
@@ -87,9 +79,6 @@ class ThermalExpansion:
                 errors[joint] = pin.SE3(
                     np.eye(3), placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth
                 )
-        for joint, length in (passive_lengths_m or {}).items():
-            (axis,) = mechanism.joint_axes([mechanism.joint_id(joint)])
-            errors[joint] = pin.SE3(np.eye(3), self._by_joint()[joint] * length * axis[:3])
         return errors
 
 

@@ -58,25 +58,16 @@ class WarmRobot(PouringRobot):
     """The robot as built, its parts grown by heat: does what :class:`PouringRobot` does, warm.
 
     Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre stands at its
-    grown nominal place plus its offset. Where the legs that are not driven stand at a pose, their growth displaces a
-    joint; so the robot is made for one pose, and elsewhere the value of such a leg's joint (nothing else) is off by the
-    change of its growth. ``passive_lengths_m``: length without heat of each leg that is not driven, by its prismatic
-    joint; by default that of the drawing at the pose.
+    grown nominal place plus its offset. The value of a leg's prismatic joint is its length as grown; ``pose`` is that
+    which :meth:`solve` commands.
     """
 
-    def __init__(
-        self,
-        robot: PouringRobot,
-        expansion: ThermalExpansion,
-        pose: PlatformPose,
-        passive_lengths_m: Mapping[str, float] | None = None,
-    ) -> None:
+    def __init__(self, robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose) -> None:
         # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
-        passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
         mechanism = robot.kinematics.mechanism.with_stiffness(robot.actual_solver.mechanism.loops.stiffness)
-        for errors in (expansion.placements(robot.kinematics, passive), robot.model.displacements()):
+        for errors in (expansion.placements(robot.kinematics), robot.model.displacements()):
             mechanism = mechanism.displaced(errors)
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
 
@@ -100,12 +91,6 @@ def _growth(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
     growing = [f"{leg}_s3" for leg in LEGS]
     legs = [growing.index(name) if name in growing else -1 for name in drives]
     return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
-
-
-def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
-    """Return the value of the prismatic joint of each leg that is not driven, in m, by its name."""
-    drives = robot.nominal_solver.mechanism.loops.drives
-    return {name: value for name, value in joint_values.items() if name.endswith("_s3") and name not in drives}
 
 
 def drawing_of(robot: PouringRobot) -> PouringRobot:
@@ -229,11 +214,11 @@ class HeatedRobot:
             NoSolutionError: what ``close`` raises, or no temperatures are found.
         """
         place: Placed = pose
-        passive, field = None, None
+        field = None
         before, moved = np.full(3, np.inf), 0.0 if self.heat is None else np.inf
         for turns in range(1, MOST_TURNS + 1):
             field = self.field(place, field)
-            warm = WarmRobot(self.robot, self.expansion(field), pose, passive)
+            warm = WarmRobot(self.robot, self.expansion(field), pose)
             found = close(warm)
             if self.heat is not None:
                 moved = float(np.linalg.norm(found[0].pose_base_to_end.translation - before))
@@ -242,7 +227,6 @@ class HeatedRobot:
             if moved < SETTLED_M:
                 break
             before = np.array(result.pose_base_to_end.translation)
-            passive = passive_lengths(self.robot, result.joint_values)
         return state
 
     def locate(self, pose: PlatformPose) -> WarmState:
@@ -305,10 +289,7 @@ class WarmPath:
         self.command = robot.kinematics.commands(poses)
 
     def _displaced(self, heated: HeatedRobot) -> FloatArray:
-        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift.
-
-        The growth of a leg that is not driven changes nothing but the value of its own joint.
-        """
+        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift."""
         structure, built = self.engine.structure, heated.robot.model.displacements()
         errors = np.zeros((len(self.strain), structure.site_count, 6))
         for k, part in ((4, ThermalExpansion(platform_strain=1.0)), (5, ThermalExpansion(fixed_platform_strain=1.0))):
