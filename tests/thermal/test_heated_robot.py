@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.compensation.pose import compensate
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.poses import PoseDifference, shown_in
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.view.bench import with_errors
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot, WarmRobot, drawing_of
 from tests.support import random_poses
@@ -107,3 +110,28 @@ def test_many_poses_of_a_warm_robot_are_as_warm_as_one(as_built):
         alone = warm.locate(pose).difference().translation_m
         assert one == pytest.approx(alone, abs=1e-9)
         assert np.linalg.norm(one - as_built.locate(pose).difference().translation_m) > 1e-4
+
+
+def test_a_warm_robot_stays_warm_with_other_errors_and_its_drives_errors_grow(as_built):
+    """G of a warm robot against central differences of it with one more error."""
+    warm, size = WarmRobot(as_built, ThermalExpansion((1e-3, 2e-3, 3e-3, 4e-3), 5e-3, 6e-3), POSE), 1e-5
+    same = warm.built_as(warm.model).locate(POSE).difference()
+    assert same.translation_m == pytest.approx(warm.locate(POSE).difference().translation_m, abs=1e-12)
+    matrix = warm.transfer(POSE, ("drives", "leg2_s1.tx"))
+    for name in matrix.parameter.values.tolist():
+        error = warm.parameters.parameters[name]
+        ends = [
+            warm.built_as(with_errors(warm.model, {error: sign * size / shown_in(error.unit)[1]}))
+            .locate(POSE)
+            .actual.pose("fixed_platform", "ladle_lip")
+            for sign in (-1.0, 1.0)
+        ]
+        moved = PoseDifference.between(*ends).translation_m / (2.0 * size)
+        assert matrix.sel(parameter=name).values[:3] == pytest.approx(moved, abs=2e-5)
+
+
+def test_a_warm_robot_is_not_warmed_again_nor_taken_for_a_cold_one(as_built):
+    warm = WarmRobot(as_built, ThermalExpansion((1e-3, 2e-3, 3e-3, 4e-3)), POSE)
+    for ask in (HeatedRobot, lambda robot: compensate(robot, POSE)):
+        with pytest.raises(BadInputError, match="warm already: give the robot it was made of"):
+            ask(warm)

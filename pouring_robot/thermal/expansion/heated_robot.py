@@ -29,13 +29,15 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Command
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
 from pouring_robot.thermal.network.assembly import ThermalNetwork
@@ -76,10 +78,26 @@ class WarmRobot(PouringRobot):
         growth = self.expansion.drive_offsets(drives, self.model.drive_offset_values())
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
+    def built_as(self, model: RobotModel) -> Self:
+        """As of every robot, as warm."""
+        return type(self)(super().built_as(model), self.expansion, self.pose)
+
+    def transfer(
+        self, command: Command, parameters: str | Sequence[str | LocalParameter] = "geometry", frame: str | None = None
+    ) -> xr.DataArray:
+        """As of every robot; the error of a drive grows with its leg."""
+        found = super().transfer(command, parameters, frame)
+        names = [drive.name for drive in drive_parameters(self.actual_solver.mechanism)]
+        growth = dict(zip(names, self._growth[0].tolist(), strict=True))
+        return found.copy(data=found.values * [growth.get(name, 1.0) for name in found.parameter.values.tolist()])
+
+    @property
+    def _growth(self) -> FloatArray:
+        return _growth(np.array([self.expansion.leg_strain]), self.actual_solver.mechanism.loops.drives)
+
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """As of every robot, legs grown."""
-        growth = _growth(np.array([self.expansion.leg_strain]), self.actual_solver.mechanism.loops.drives)
-        return self.engine().close((drives + self.model.offset_of_each_drive()) * growth, start)
+        return self.engine().close((drives + self.model.offset_of_each_drive()) * self._growth, start)
 
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
@@ -158,6 +176,8 @@ class HeatedRobot:
                 f"only a PouringRobot is heated by its melt, and this is a {type(robot).__name__}; any robot is "
                 "compensated by compensate_drives(robot, robot.location_at(drives))"
             )
+        if isinstance(robot, WarmRobot):
+            raise BadInputError("a WarmRobot is warm already: give the robot it was made of, and its heat")
         expect(heat, HeatSection | None, "heat is the HeatSection of a model, or None for a cold robot")
         self.robot, self.heat = robot, heat
         self._given_network = network
