@@ -87,7 +87,7 @@ class SweepPlan:
         self._refuse_many_chains()
         if config.allocation:
             self.groups(config.allocation.by)
-        self.tool_offsets_m = self._tool_offsets()
+        self.tool_offsets_m = self._tool_offsets(self.mechanism)
         accuracy_m = robot.accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
         if accuracy_m is None:
             raise config.problem("accuracy_mm is missing: nobody says what this robot must keep")
@@ -125,9 +125,10 @@ class SweepPlan:
 
         None where it closes at no pose.
         """
-        start = self.poses.start
-        moved = self._displacement(self._without_errors(self.poses), start.position, start.rotation)
-        distance = np.linalg.norm(moved[0, :, 0], axis=-1)
+        start, without = self.poses.start, self._without_errors(self.poses)
+        drawn, built = self._tool_offsets(self.model.definition.mechanism())[0], self.tool_offsets_m[0]
+        wanted = start.position + start.rotation @ drawn
+        distance = np.linalg.norm(without.position_m[0] + without.rotation[0] @ built - wanted, axis=-1)
         return float(np.nanmax(distance)) if np.isfinite(distance).any() else None
 
     @property
@@ -260,9 +261,9 @@ class SweepPlan:
                 "choose those of one chain, or kind 'closed_chain'"
             )
 
-    def _tool_offsets(self) -> FloatArray:
+    def _tool_offsets(self, mechanism: ClosedChainMechanism) -> FloatArray:
         """Return the origins of the observed frames in the moving platform, shape (frames, 3), in m."""
-        mechanism, frames = self.mechanism, self.mechanism.shared_model.frames
+        frames = mechanism.shared_model.frames
         end = frames[mechanism.frame_id(mechanism.loops.end_frame or "")]
         bodies = {f.name for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == end.parentJoint}
         for name in self.config.frames:

@@ -83,7 +83,8 @@ def test_a_robot_as_built_is_compared_with_itself(make_plan):
 
 
 def test_a_robot_as_built_has_its_drive_offsets_and_its_own_error_is_told(make_plan, tmp_path):
-    model = RobotModel.load(ACTUAL).displaced({}, {"leg1_s3": 4e-3})
+    ladle = {"ladle_mount": pin.SE3(np.eye(3), np.array([0.0, 3e-3, 0.0]))}
+    model = RobotModel.load(ACTUAL).displaced(ladle, {"leg1_s3": 4e-3})
     path = tmp_path / "off.yaml"
     path.write_text(model.file_text(tmp_path))
     plan, without = make_plan(layout=None, model=str(path)), make_plan(layout=None, model=str(ACTUAL))
