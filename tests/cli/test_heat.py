@@ -87,6 +87,31 @@ def test_joints_of_a_warm_robot_say_by_how_much_the_cold_tree_misses_it(run, tmp
     assert not any("beside" in note for note in json.loads(out)["notes"])
 
 
+def test_joints_of_a_robot_under_conditions_say_by_how_much_the_tree_without_misses_it(run, tmp_path):
+    """A leg's growth stands in its joint's value, as the exported tree knows of none: by one pose and by a path."""
+    model, table = tmp_path / "learned.yaml", tmp_path / "poses.csv"
+    model.write_text(LEARNED, encoding="utf-8")
+    table.write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,20,-600,17\n")
+    warm = [text for leg in (1, 2, 3, 4) for text in ("--condition", f"leg{leg}_degC=80")]
+    assert run("export", "--out", "tree", "--model", model)[0] == 0
+    code, out, err = run("pose", *AT, "--model", model, *warm, "--json", "--joints", "pose.json")
+    assert (code, err) == (0, "")
+    code, _, err = run("path", table, "--model", model, *warm, "--joints", "path.json")
+    assert (code, err) == (0, "")
+    one, other = (
+        json.loads((tmp_path / name).read_text())["poses"][0]["joints"] for name in ("pose.json", "path.json")
+    )
+    assert one == pytest.approx(other, abs=1e-12)
+    tree = pin.buildModelFromUrdf(str(tmp_path / "tree" / "pouring_robot.urdf"))
+    data, figures = tree.createData(), json.loads(out)
+    pin.framesForwardKinematics(tree, data, configured(tree, one))
+    base, lip = (data.oMf[tree.getFrameId(name)] for name in ("fixed_platform", "ladle_lip"))
+    there = figures["frames"]["ladle_lip"]["actual_mm"]
+    assert figures["frames"]["ladle_lip"]["error"]["distance_mm"] > 0.1
+    assert base.actInv(lip).translation * 1e3 == pytest.approx(there, abs=1e-6)
+    assert any("stands up to 0.000 mm beside" in note for note in figures["notes"])
+
+
 def test_columns_of_conditions_that_change_nothing_are_told(run, tmp_path):
     table = tmp_path / "melt.csv"
     table.write_text("x_mm,y_mm,z_mm,tilt_deg,melt_degC,payload_kg\n-100,20,-600,17,1700,400\n")

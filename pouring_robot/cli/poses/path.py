@@ -67,7 +67,7 @@ def path(
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
     notes += (*conditions, *warm.twice_lines(present, warmth))
-    notes += drawing.warm_notes(locations, present.model) if heated else []
+    notes += drawing.unlike_the_tree(locations, present.model, warm=heated is not None)
     rows = [_row(location) for location in locations]
     written = options.written(out, lambda: rows_csv(rows))
     written += drawing.write(locations, present.model, warm=heated is not None)

@@ -33,8 +33,8 @@ def pose(
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
     notes += (*conditions, *warm.twice_lines(built, given))
-    notes += drawing.warm_notes([location], present.model) if heated else []
-    written = drawing.write([location], present.model, warm=heated is not None)
+    notes += drawing.unlike_the_tree([location], built.model, warm=heated is not None)
+    written = drawing.write([location], built.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}

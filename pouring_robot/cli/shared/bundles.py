@@ -283,9 +283,12 @@ class Drawing:
 
         return options.written(self.joints, lambda: joints_text(rows, self.joints or Path()))
 
-    def warm_notes(self, locations: Sequence[Location], model: RobotModel) -> list[str]:
-        """Say in a line by how much the exported tree misses a warm robot, if its joint values were asked for."""
-        if self.joints is None:
+    def unlike_the_tree(self, locations: Sequence[Location], model: RobotModel, *, warm: bool) -> list[str]:
+        """Say in a line by how much the exported tree misses a robot that is warm or under conditions.
+
+        Nothing if joint values were not asked for.
+        """
+        if self.joints is None or not (warm or model.conditional):
             return []
         import numpy as np
 
@@ -294,7 +297,7 @@ class Drawing:
         return self.tree_notes(self._joint_rows(locations, model), tips, model)
 
     def tree_notes(self, rows: Sequence[JointRow], tips_m: FloatArray, model: RobotModel) -> list[str]:
-        """Say the same of rows of a warm robot's joints whose tips are known, (n, 3), in m."""
+        """Say the same of rows of its joints whose tips are known, (n, 3), in m."""
         import numpy as np
 
         from pouring_robot.mechanism.poses import MM
@@ -302,8 +305,10 @@ class Drawing:
 
         tree = ClosedRobot.of(model)
         off = np.linalg.norm(tree.tips_m(row.values for row in rows) - tips_m, axis=1)
+        words = "robot under conditions", "leaves them out"
+        robot, does = words if model.conditional else ("warm robot", "is cold")
         return [
-            f"{self.joints} is of the warm robot, and the tree that 'export' writes is cold: by these joint values its "
+            f"{self.joints} is of the {robot}, and the tree that 'export' writes {does}: by these joint values its "
             f"{model.definition.loops.working_frame} stands up to {np.nanmax(off) / MM:.3f} mm beside"
         ]
 
