@@ -44,7 +44,7 @@ def print_location(location: Location) -> None:
 def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
     """Return what a user should know of model and picture before reading the figures, one line each."""
     notes = []
-    if robot.model.is_drawing:
+    if robot.model.is_drawing and not robot.model.conditional:
         reason = "the model file holds no errors" if model_file else "no model file was given"
         notes.append(f"{reason}, so the robot as built is the drawing{'' if model_file else '; see --model'}")
     notes += [unseen_note(joint) for joint in robot.unseen_displacements]
