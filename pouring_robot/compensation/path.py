@@ -123,7 +123,7 @@ class PathSearch:
     def run(self, *, limits: bool = True) -> CompensatedPath:
         """Step until every pose is met or no longer gets nearer.
 
-        ``limits``: whether poses in which a joint is beyond its limits have no answer.
+        ``limits``: whether poses in which a joint is, or a drive is commanded, beyond its limits have no answer.
         """
         drives, start = self.warm.command.drives.copy(), self.start
         best = np.full(len(drives), np.inf)
@@ -141,7 +141,8 @@ class PathSearch:
             left = self._left(closed)
         with np.errstate(invalid="ignore"):
             met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE
-            reached = self.kinematics.within_limits(closed.joints) | (not limits)
+            within = self.kinematics.within_limits(closed.joints) & self.kinematics.drives_within_limits(drives)
+            reached = within | (not limits)
         status = np.array(STATUS_NAMES)[closed.status].astype(object)
         status[closed.closed & ~met] = NOT_FOUND
         status[closed.closed & met & ~reached] = OUT_OF_REACH

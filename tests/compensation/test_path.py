@@ -5,7 +5,7 @@ import pytest
 
 from pouring_robot.compensation.path import NOT_FOUND, compensate_path
 from pouring_robot.compensation.pose import compensate
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, UnreachablePoseError
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import OUT_OF_REACH
@@ -90,6 +90,18 @@ def test_what_has_no_answer_says_why(robot):
     assert np.isfinite(path.drives[0]).all() and np.isnan(path.drives[1:]).all()
     assert "1 of 3 poses" in path.headline and list(path.to_frame().status) == list(path.status)
     assert NOT_FOUND not in path.status[:2]
+
+
+def test_drives_are_not_commanded_beyond_their_limits(robot):
+    """A leg that stands 2 mm short of its command comes to all but the last millimetres of its stroke."""
+    short = PouringRobot(robot.model.model_copy(update={"drive_offsets": {"leg3_s3": DriveOffset(offset_mm=-2.0)}}))
+    _, most = robot.kinematics.mechanism.joint_limits()["leg3_s3"]
+    drives = short.drives_of(PlatformPose((-0.1, 0.0, -0.85), 0.0))
+    stretched = [*drives[:2], most - 1e-3, drives[3]]
+    wanted = short.kinematics.forward(short.kinematics.mechanism.named_drives(np.array(stretched)))
+    with pytest.raises(UnreachablePoseError, match="leg3_s3"):
+        compensate(short, wanted)
+    assert compensate_path(HeatedRobot(short), [wanted]).status.tolist() == [OUT_OF_REACH]
 
 
 def test_what_cannot_be_done_in_a_batch_is_refused(robot):

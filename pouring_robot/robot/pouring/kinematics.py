@@ -6,7 +6,7 @@ They give the drives a controller commands, and start the closure of the actual 
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +100,15 @@ class FourUPUKinematics:
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
-        lower, upper = np.moveaxis(np.array([[self._limits[name] for name in chain] for chain in CHAIN_JOINTS]), -1, 0)
-        return np.asarray(((joints >= lower - ROUND_OFF) & (joints <= upper + ROUND_OFF)).all(axis=(1, 2)))
+        return self._within(joints.reshape(len(joints), len(self.joint_names)), self.joint_names)
+
+    def drives_within_limits(self, drives: FloatArray) -> NDArray[np.bool_]:
+        """Return where all drives are commanded within their limits, shape (n,), for drive values (n, 4)."""
+        return self._within(drives, DRIVE_JOINTS)
+
+    def _within(self, values: FloatArray, names: Sequence[str]) -> NDArray[np.bool_]:
+        lower, upper = np.transpose([self._limits[name] for name in names])
+        return np.asarray(((values >= lower - ROUND_OFF) & (values <= upper + ROUND_OFF)).all(axis=1))
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
         """Return where there is a closed pose with all joints within their limits, (n,)."""
