@@ -71,7 +71,7 @@ class Conditions:
     approach: FloatArray | None = None
     weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
     # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
-    # puts there.
+    # puts there; NaN of drives of which nobody says it.
     drive_force: FloatArray | None = None
     # what a newton of weight at tool and payload puts there, or would, (n, D), in N/N and Nm/N; None: nobody says where
     force_by_weight: FloatArray | None = None
@@ -153,7 +153,12 @@ class Conditions:
         """Mean of the absolute force on each drive in the campaign, (D,); empty where it is not known."""
         if self.learned:
             return np.array(self.learned.mean_force)
-        return np.zeros(0) if self.drive_force is None else np.abs(self.drive_force).mean(axis=0)
+        return np.abs(np.asarray(self.drive_force)).mean(axis=0) if self.forces_known else np.zeros(0)
+
+    @property
+    def forces_known(self) -> bool:
+        """Whether the force on every drive is known."""
+        return self.drive_force is not None and bool(np.isfinite(self.drive_force).all())
 
     def mean_rise_k(self, thermometer: str) -> float:
         """Return the mean temperature above the reference in the campaign."""
@@ -191,7 +196,8 @@ class Conditions:
             return kept[0] if len(kept) == 1 else np.column_stack(kept)
         if name.endswith(FORCE):
             group = self.robot.groups.get(name.removesuffix(FORCE), ())
-            return None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
+            forces = None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
+            return None if forces is None or not np.isfinite(forces).all() else forces
         return self.travels.get(name.removesuffix("_m"))
 
     def in_session(self, number: int) -> FloatArray:
@@ -259,7 +265,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     for k, name in enumerate(force_names(robot)):
         measured = whole(name)
         if measured is not None:
-            force = np.zeros(campaign.drives.shape) if force is None else np.array(force)
+            force = np.full(campaign.drives.shape, np.nan) if force is None else np.array(force)
             force[:, k] = measured
     known = whole("time")
     names = {name: k for k, name in enumerate(learned.sessions if learned else dict.fromkeys(campaign.sessions))}

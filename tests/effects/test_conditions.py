@@ -62,6 +62,16 @@ def test_absent_column(bench, column, expected):
     assert untestable(bench.without(column)) == expected
 
 
+def test_what_drives_carry_that_nobody_measured_is_not_taken_for_nothing(bench):
+    """Legs are weighed, the tilt drive is not, and nobody says the load; then one leg is not weighed either."""
+    force = np.full(bench.campaign.drives.shape, np.nan)
+    for drives, known in ((3, {"leg_compliance"}), (2, set())):
+        force[:, :3] = np.nan
+        force[:, :drives] = 1e3
+        campaign = dataclasses.replace(bench.campaign.with_conditions(payload=None), force=force)
+        assert untestable(bench.rows_of(campaign).conditions) == UNTESTABLE["payload"] - known
+
+
 @pytest.mark.parametrize(("entry", "expected"), UNSAID.items())
 def test_entry_that_is_not_said(bench, entry, expected):
     campaign = dataclasses.replace(bench.campaign, metadata=METADATA.model_copy(update={entry: None}))

@@ -276,4 +276,4 @@ class LostMotion(Family):
 
 def _loaded(conditions: Conditions) -> bool:
     """Return whether the force on drives is known, also on average where shapes count from."""
-    return conditions.drive_force is not None and conditions.mean_force.size > 0
+    return conditions.forces_known and conditions.mean_force.size > 0
