@@ -137,7 +137,8 @@ class PathSearch:
             best = np.minimum(best, np.where(np.isfinite(size), size, np.inf))
             step = limited(self._step(closed, left), self.kinematics.mechanism)
             drives = np.where(going[:, None], drives - step, drives)
-            closed = self.warm.close(drives, closed.as_start())
+            start = start.replaced(np.arange(len(drives)), closed)
+            closed = self.warm.close(drives, start)
             left = self._left(closed)
         with np.errstate(invalid="ignore"):
             met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE

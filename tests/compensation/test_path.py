@@ -7,6 +7,7 @@ from pouring_robot.compensation.path import NOT_FOUND, compensate_path
 from pouring_robot.compensation.pose import compensate
 from pouring_robot.exceptions import BadInputError, UnreachablePoseError
 from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureOptions
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset
@@ -90,6 +91,13 @@ def test_what_has_no_answer_says_why(robot):
     assert np.isfinite(path.drives[0]).all() and np.isnan(path.drives[1:]).all()
     assert "1 of 3 poses" in path.headline and list(path.to_frame().status) == list(path.status)
     assert NOT_FOUND not in path.status[:2]
+
+
+def test_where_loops_stay_open_it_says_so(robot):
+    """Also where the search goes on for other poses."""
+    most = float(np.median([robot.locate(PlatformPose(tuple(row[:3]), row[3])).actual.gap_rad for row in WANTED]))
+    strict = PouringRobot(robot.model, options=ClosureOptions(max_gap_rad=most))
+    assert {*compensate_path(HeatedRobot(strict), WANTED).status} == {"closed", "left open too far"}
 
 
 def test_drives_are_not_commanded_beyond_their_limits(robot):
