@@ -14,6 +14,7 @@ from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
 
 WANTED = np.random.default_rng(31).uniform(BOX_LOWER, BOX_UPPER, (4, 4))
@@ -50,6 +51,15 @@ def test_warm_it_is_off_by_what_a_leg_is_longer_than_the_drawings(robot):
     moved = np.abs(drives - compensate_path(HeatedRobot(robot), WANTED).drives).max()
     assert moved > 1e-3  # heat moves the drives by millimetres
     assert np.abs(path.drives - drives).max() < 1.2e-5
+
+
+def test_a_network_that_was_given_is_that_of_the_path(robot):
+    """Without radiation hardly any heat comes to the legs."""
+    network = ThermalNetwork(robot, radiation=False)
+    heated = HeatedRobot(robot, HeatSection(), network)
+    path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
+    np.testing.assert_allclose(path.drives, [list(one.drives.values()) for one in singly], rtol=0, atol=1e-6)
+    assert np.abs(path.drives - compensate_path(HeatedRobot(robot, HeatSection()), WANTED).drives).max() > 1e-3
 
 
 def test_with_given_temperatures_heat_is_exact(robot):

@@ -274,10 +274,10 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
     strain = np.zeros((len(poses), 6))
     if heated.heat is None or not len(poses):
         return strain
-    done = [0]
+    done, network = [0], heated.network
 
     def take(rows: Indices) -> None:
-        own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
+        own = HeatedRobot(heated.robot, heated.heat, network.twin())
         field = None
         for row in rows:
             x, y, z, tilt = poses[row].tolist()

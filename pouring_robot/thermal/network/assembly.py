@@ -7,7 +7,9 @@ to the surroundings by convection and re-radiation.
 """
 
 # ruff: noqa: N802 - units keep their capitals: K, W, degC
+import copy
 import functools
+from typing import Self
 
 import numpy as np
 
@@ -66,6 +68,12 @@ class ThermalNetwork:
         self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
         self._capacity = self.bodies.capacities()
         self._built = functools.lru_cache(_KEPT_POSES)(self._build)
+
+    def twin(self) -> Self:
+        """Return the same network with a cache of its own, for another thread."""
+        other = copy.copy(self)
+        other._built = functools.lru_cache(_KEPT_POSES)(other._build)
+        return other
 
     def steady(
         self,
