@@ -93,6 +93,7 @@ class RobotModel(StrictModel):
     learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # in which effects were learned
 
     _file: Path | None = pydantic.PrivateAttr(default=None)
+    _folder: Path = pydantic.PrivateAttr(default_factory=Path)  # of the file, wherever the process goes meanwhile
     _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
@@ -125,7 +126,7 @@ class RobotModel(StrictModel):
         if content.get("format") == ROBOT_FORMAT:
             return cls.for_robot(path)
         model = validate(cls, content, path)
-        model._file = path
+        model._file, model._folder = path, path.absolute().parent
         try:
             model.check_errors()
             for name, learned in model.learned.items():
@@ -183,10 +184,6 @@ class RobotModel(StrictModel):
     def layouts_path(self) -> Path | None:
         """The dimensions file in use, or None for the shipped one."""
         return self._folder / self.layouts_file if self.layouts_file else None
-
-    @property
-    def _folder(self) -> Path:
-        return self._file.parent if self._file else Path()
 
     @property
     def robot_path(self) -> Path | None:

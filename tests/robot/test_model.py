@@ -3,6 +3,7 @@
 import json
 import shutil
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +22,7 @@ from pouring_robot.exceptions import (
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.layout import render_urdf, shipped_layouts_file
+from pouring_robot.robot.pouring_robot import load_robot
 from tests.support import ACTUAL, ROOT, crooked_model
 
 LEARNED = ROOT / "examples" / "learned.yaml"
@@ -90,6 +92,18 @@ def test_own_layouts_file_is_relative_to_the_model(tmp_path):
     (tmp_path / "a" / "mine.yaml").unlink()
     with pytest.raises(DescriptionError, match=r"mine\.yaml"):
         RobotModel.load(path)
+
+
+def test_files_of_a_model_stay_its_own_wherever_the_process_goes(tmp_path, monkeypatch):
+    for folder, text in {"a": shipped_layouts_file().read_text(encoding="utf-8"), "b": "of another machine"}.items():
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.yaml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path / "a")
+    Path("model.yaml").write_text("layouts_file: mine.yaml\n")
+    robot = load_robot("model.yaml")
+    monkeypatch.chdir(tmp_path / "b")
+    assert robot.layout.name == "paper"
+    assert load_robot(robot.model.save("model.yaml")).model == robot.model
 
 
 PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
