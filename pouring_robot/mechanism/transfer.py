@@ -77,7 +77,7 @@ class TransferMatrix(ReadOnly, Result):
             "unit": ("component", ["m"] * 3 + ["rad"] * 3),
             "per": ("parameter", [parameter.unit for parameter in self.parameters]),
         }
-        return xr.DataArray(self.matrix, labels, ("component", "parameter"), "G", {"frame": self.frame})
+        return xr.DataArray(self.matrix.copy(), labels, ("component", "parameter"), "G", {"frame": self.frame})
 
     def _table(self) -> Any:
         """One row a parameter; columns in m and rad, per unit of the parameter."""

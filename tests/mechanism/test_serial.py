@@ -145,6 +145,8 @@ def test_the_matrix_says_what_its_numbers_are():
         "unit": ["m"] * 3 + ["rad"] * 3,
         "per": per,
     }
+    labelled[0, 0] += 1.0  # it is the caller's own
+    assert labelled[0, 0] == found.matrix[0, 0] + 1.0
     table = found.to_frame()
     assert list(table) == ["parameter", "per", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"]
     assert (table["parameter"].tolist(), table["per"].tolist()) == (names, per)
