@@ -18,8 +18,9 @@ def main() -> int:
     try:
         interrupt.listen()
         gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
-        if sys.stdout is None:  # closed by whoever started it
-            sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process lives
+        for name in ("stdout", "stderr"):
+            if getattr(sys, name) is None:  # closed by whoever started it
+                setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - for as long as the process lives
         # What a terminal's character set lacks is spelt out rather than a fault.
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")

@@ -161,7 +161,8 @@ def _parsed(urdf: str, source: Path) -> pin.Model:
 def _heard(words: list[str]) -> Iterator[None]:
     """Collect the lines that a library writes to standard error meanwhile."""
     with _lock, tempfile.TemporaryFile() as heard:
-        sys.stderr.flush()
+        if sys.stderr is not None:  # closed by whoever started the process
+            sys.stderr.flush()
         saved = os.dup(2)
         os.dup2(heard.fileno(), 2)
         try:

@@ -454,3 +454,15 @@ def test_a_reader_that_has_had_enough_is_no_failure(arguments):
     with os.fdopen(writer, "wb") as out:
         done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "python",
+    [
+        "-m pouring_robot pose --at-mm -100 20 -600 --tilt-deg 17",
+        "-c 'import pouring_robot; pouring_robot.load_robot()'",
+    ],
+)
+def test_a_process_without_standard_error_works(python):
+    done = subprocess.run(["sh", "-c", f"exec {sys.executable} {python} 2>&-"], capture_output=True, check=False)
+    assert done.returncode == 0
