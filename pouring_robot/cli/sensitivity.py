@@ -56,8 +56,11 @@ def sensitivity(
         frame=frame,
         limit_m=limit_mm * MM,
     )
+    model = which.read()
+    if not model.is_drawing or model.effects or model.heat:
+        options.note(f"this command studies the drawing; errors, effects and heat of {which.model} are left out")
     with progress.stage_bars() as show:
-        found = studied(which.read(), request, show)
+        found = studied(model, request, show)
         written = found.save(out) if out is not None else []
     if as_json:
         return options.print_figures(found.figures(), written)

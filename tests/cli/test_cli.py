@@ -113,6 +113,15 @@ def test_notes_say_what_the_model_does_not_change(run, tmp_path, text, words, ab
         assert all(words in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("said", "noted"), [("layout: paper\n", False), ("heat: {melt_degC: 1650}\n", True), (None, True)]
+)
+def test_sensitivity_says_that_it_leaves_out_what_a_model_says_of_the_robot_as_built(run, tmp_path, said, noted):
+    (tmp_path / "model.yaml").write_text(said or ACTUAL.read_text(encoding="utf-8"))
+    code, _, err = run("sensitivity", "--poses", 5, "--model", "model.yaml")
+    assert (code, "of model.yaml are left out" in err) == (0, noted)
+
+
 def test_a_picture_of_another_ladle_is_noted(run, tmp_path):
     text = shipped_layouts_file().read_text(encoding="utf-8")
     start = text.index("    height:", text.index("  ladle:"))
