@@ -6,11 +6,12 @@ from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parame
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, svg_of, tell
+from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_NAMES = 60
 
 
+@own_look()
 def plots(calibration: CalibrationFindings) -> list[tuple[str, str]]:
     """Return titles and SVG."""
     _, point = calibration.present.definition.tool_words

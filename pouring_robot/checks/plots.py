@@ -12,7 +12,7 @@ from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.report import plots
-from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, png_of
+from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, own_look, png_of
 from pouring_robot.robot.pouring.layout import Layout
 
 # Vermilion is kept for what is wrong.
@@ -20,6 +20,7 @@ _COLOURS = (plots.BLUE, plots.ORANGE, plots.GREEN, plots.PURPLE, plots.SKY, "#8C
 _MOST_SESSIONS = 12
 
 
+@own_look()
 def write_picture(campaign: Campaign, found: Examination, layout: Layout | None, path: Path | str) -> Path:
     """Draw the commanded poses from three sides with the workspace box, and the misfit of each row, as PNG.
 

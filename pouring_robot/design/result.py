@@ -18,7 +18,7 @@ from pouring_robot.io.files import check_ending, write_whole
 from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
+from pouring_robot.report.plots import COLOURS, draw_box, new_figure, own_look, png_of
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -184,6 +184,7 @@ class MeasurementPlan(Result):
         }
 
 
+@own_look()
 def plot(plan: MeasurementPlan) -> bytes:
     """Return a PNG of where the commands lie, two numbers at a time (of the pouring robot x-z, y-z and tilt-z).
 

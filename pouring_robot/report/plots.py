@@ -4,7 +4,9 @@ import base64
 import hashlib
 import io
 import re
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
@@ -17,6 +19,20 @@ BEFORE, AFTER, HELD_OUT = VERMILION, BLUE, GREEN
 STEEL, MOSS, BRICK, ASH = "#2f6690", "#5b8e55", "#c8553d", "#8a8a8a"
 
 _SVG, _TELL = "{http://www.w3.org/2000/svg}", "tell-"
+_drawing = threading.RLock()
+
+
+@contextmanager
+def own_look() -> Iterator[None]:
+    """Draw as everywhere, whatever style the user's own plots have: it is one of the whole process, so one at a time.
+
+    Decorates what draws a figure; what becomes of the figure in :func:`png_of` and :func:`svg_of` has it too.
+    """
+    import matplotlib as mpl
+
+    with _drawing, mpl.rc_context():
+        mpl.rcdefaults()
+        yield
 
 
 def new_figure(width: float, height: float, dpi: float = 110.0) -> Any:
@@ -50,6 +66,7 @@ def _place(figure: Any) -> None:
         figure.set_layout_engine(None)
 
 
+@own_look()
 def png_of(figure: Any) -> bytes:
     """Return a figure as a PNG file: no date and no version inside, so the same figure gives the same bytes."""
     stream = io.BytesIO()
@@ -66,6 +83,7 @@ def tell(artist: Any, texts: Iterable[str]) -> None:
     artist.set_gid(_TELL + base64.urlsafe_b64encode("\n".join(texts).encode()).decode())
 
 
+@own_look()
 def svg_of(figure: Any) -> str:
     """Return a figure as an SVG element to stand in a page: real letters, colours that follow the page's, no date."""
     import matplotlib as mpl

@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, tidy
+from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, own_look, tidy
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
 
@@ -107,6 +107,7 @@ def median_place(values: FloatArray) -> float:
     return float((np.median(absolute) - absolute.min()) / span) if span > 0.0 else 0.5
 
 
+@own_look()
 def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
     """Draw absolute coordinates of errors, such as those that pass a limit, over the poses, as the paper's Fig. 4."""
     figure = new_figure(10.0, 3.9)
@@ -128,6 +129,7 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
     return figure
 
 
+@own_look()
 def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str) -> Any:
     """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis: the paper's Fig. 5."""
     from matplotlib.ticker import MaxNLocator

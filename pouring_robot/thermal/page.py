@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, svg_of, tidy
+from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, own_look, svg_of, tidy
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.thermal.network.parts import TemperatureField
@@ -113,6 +113,7 @@ def draw_moves(panel: Axes, heat: PoseHeat) -> None:
     tidy(panel)
 
 
+@own_look()
 def pose_picture(heat: PoseHeat, title: str) -> Any:
     """Draw temperatures along the legs beside the deformation."""
     figure = new_figure(10.0, 4.2)
@@ -123,6 +124,7 @@ def pose_picture(heat: PoseHeat, title: str) -> Any:
     return figure
 
 
+@own_look()
 def shift_picture(shift: ShiftHeat, title: str) -> Any:
     """Draw melt, parts and deformation over time."""
     figure = new_figure(10.0, 7.0)

@@ -21,13 +21,14 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.poses import MM, shown_in
-from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
+from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _MOST_ROWS = 1000  # a picture of more points tells no more, and its page opens slowly
 _NARROW = 4.0
 
 
+@own_look()
 def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     """Return titles and SVG, most important first."""
     words = diagnosis.rows.conditions.causes.words

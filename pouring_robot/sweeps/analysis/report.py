@@ -17,7 +17,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import new_figure, png_of, svg_of, tell, tidy
+from pouring_robot.report.plots import new_figure, own_look, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary, sobol_indices, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
@@ -204,6 +204,7 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     return html_page(title, title, blocks, links=links, data=[config.source] if config.source else [])
 
 
+@own_look()
 def study_figure(found: SweepReport) -> Any:
     """Draw box plots of the errors that matter most, or their shares and how far the tool is off."""
     figure = new_figure(9.0, 6.0)
@@ -229,6 +230,7 @@ def _study(config: SweepConfig) -> str:
     return f"{config.study}, {config.kind}".replace("_", " ")
 
 
+@own_look()
 def map_of(plan: SweepPlan, summary: Summary) -> Any:
     """Draw how far the tool is off over x and z, in slices of y: RMS over the robots, the largest of a place."""
     place = plan.poses.start.position / MM

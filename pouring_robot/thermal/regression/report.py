@@ -16,7 +16,7 @@ from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
+from pouring_robot.report.plots import ASH, COLOURS, new_figure, own_look, svg_of, tell, tidy
 from pouring_robot.report.result import Result
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
@@ -301,6 +301,7 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
     ]
 
 
+@own_look()
 def _figure(found: RegressionReport) -> object:
     figure = new_figure(10.0, 2.4 * len(found.axes))
     panels = figure.subplots(len(found.axes), 1, squeeze=False)[:, 0]
