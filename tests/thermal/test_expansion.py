@@ -54,12 +54,14 @@ def test_pose_against_the_independent_oracle(case):
     assert np.abs(pin.log3(result.rotation) - case["platform"]["rotation_vector_rad"]).max() < 1e-9
 
 
-def test_drive_offsets_follow_the_convention():
-    expansion = heated(leg1=120.0, leg3=220.0)
+def test_drives_follow_the_convention(drawing):
+    """Offset, then grown with the leg; the tilt is no length."""
+    offset = DriveOffset(value=2.0, unit="mm")
+    robot = drawing.built_as(drawing.model.model_copy(update={"drive_offsets": {"leg1_s3": offset}}))
     drives = {"leg1_s3": 0.55, "leg2_s3": 0.55, "leg3_s3": 0.70, "leg4_s5": 0.1}
-    growth = expansion.drive_offsets(drives, {"leg1_s3": 0.002})
-    assert growth == pytest.approx({"leg1_s3": 0.552 * 1.2e-3, "leg2_s3": 0.0, "leg3_s3": 0.70 * 2.4e-3})
-    assert "leg4_s5" not in growth
+    grown = WarmRobot(robot, heated(leg1=120.0, leg3=220.0), POSE).actual_drives(drives)
+    wanted = {"leg1_s3": 0.552 * 1.0012, "leg2_s3": 0.55, "leg3_s3": 0.70 * 1.0024, "leg4_s5": 0.1}
+    assert grown == pytest.approx(wanted, rel=1e-14)
 
 
 def test_placements_grow_the_platforms(drawing):

@@ -4,13 +4,13 @@ A leg that is warmer than the drawing's temperature by ΔT(s) is longer by ∫ �
 convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms grow about their origins, so that
 each U-joint centre moves outwards by α ΔT times its place.
 
-The growth of a driven leg is a drive offset; that of a passive one is taken up by its joint and moves nothing.
+The growth of a driven leg moves the robot; that of a passive one is taken up by its joint and moves nothing.
 Measured temperatures can take the place of computed ones, part by part.
 
 A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -24,6 +24,13 @@ from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
 from pouring_robot.thermal.network.parts import TemperatureField
+
+
+def growth_of_drives(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
+    """Return how many times as long as cold each drive is, (n, drives), by strains of which the first are the legs'."""
+    growing = [f"leg{i}_s3" for i in CHAINS]
+    legs = [growing.index(name) if name in growing else -1 for name in drives]
+    return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
 
 
 @dataclass(frozen=True)
@@ -55,16 +62,6 @@ class ThermalExpansion:
             strain[part] = properties.steel.expansion.value * (kelvin(float(value), part) - reference)
         one, two, three, four = (strain[f"leg{i}"] for i in CHAINS)
         return cls((one, two, three, four), strain["platform"], strain["fixed_platform"])
-
-    def drive_offsets(
-        self, drives: Mapping[str, float], offsets: Mapping[str, float] | None = None
-    ) -> dict[str, float]:
-        """Return by how much heat alone changes the driven leg lengths, in m, by joint name.
-
-        Offsets that the drives have without heat, in m, grow with the leg; θ46 is no length and left out.
-        """
-        strain, have = {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}, offsets or {}
-        return {name: strain[name] * (value + have.get(name, 0.0)) for name, value in drives.items() if name in strain}
 
     def placements(self, kinematics: FourUPUKinematics) -> dict[str, pin.SE3]:
         """Return the joints of the drawing that heat displaces, by name: the U-joint centres."""

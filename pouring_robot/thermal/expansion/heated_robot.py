@@ -34,11 +34,10 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.growth import ThermalExpansion, growth_of_drives
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.history import HeatHistory, Placed
@@ -75,8 +74,11 @@ class WarmRobot(PouringRobot):
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
-        growth = self.expansion.drive_offsets(drives, self.model.drive_offset_values())
-        return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
+        growth = growth_of_drives(self._strain, list(drives))[0].tolist()
+        return {
+            name: value * grown
+            for (name, value), grown in zip(super().actual_drives(drives).items(), growth, strict=True)
+        }
 
     def built_as(self, model: RobotModel) -> Self:
         """As of every robot, as warm."""
@@ -93,7 +95,11 @@ class WarmRobot(PouringRobot):
 
     @property
     def _growth(self) -> FloatArray:
-        return _growth(np.array([self.expansion.leg_strain]), self.actual_solver.mechanism.loops.drives)
+        return growth_of_drives(self._strain, self.actual_solver.mechanism.loops.drives)
+
+    @property
+    def _strain(self) -> FloatArray:
+        return np.array([self.expansion.leg_strain])
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """As of every robot, legs grown."""
@@ -102,13 +108,6 @@ class WarmRobot(PouringRobot):
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
         return self.actual_of(self.pose)
-
-
-def _growth(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
-    """Return how many times as long as cold each drive is, (n, drives), by strains of which the first are the legs'."""
-    growing = [f"{leg}_s3" for leg in LEGS]
-    legs = [growing.index(name) if name in growing else -1 for name in drives]
-    return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
 
 
 def drawing_of(robot: PouringRobot) -> PouringRobot:
@@ -305,7 +304,7 @@ class WarmPath:
         self.errors = self._displaced(heated) if strain.any() else None
         drives = robot.actual_solver.mechanism.loops.drives
         self.offsets = robot.model.offset_of_each_drive()
-        self.growth = _growth(strain, drives)
+        self.growth = growth_of_drives(strain, drives)
         self.command = robot.kinematics.commands(poses)
 
     def _displaced(self, heated: HeatedRobot) -> FloatArray:
