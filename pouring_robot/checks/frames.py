@@ -67,8 +67,8 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         together = in_one_frame(campaign, poses)
         return together, list(_targets_moved(together, poses))
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
-    try:
-        together = in_one_frame(dataclasses.replace(campaign, metadata=metadata), poses)
+    try:  # by places alone: distances are told of one frame
+        together = in_one_frame(dataclasses.replace(campaign, metadata=metadata, distance_m=None), poses)
         compared = (Comparison(c.drives, poses, c.position_m, c.rotation_vector_rad) for c in (campaign, together))
         before, after = (one.fit(1.0).position_scale_m for one in compared)
     except (CampaignError, FrameFitError):
@@ -80,6 +80,7 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         f"sessions measured from places up to {moved:.3g} m apart: from one place they miss the robot by "
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
+    together = dataclasses.replace(together, distance_m=campaign.distance_m)
     return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
 
 

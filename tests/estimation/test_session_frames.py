@@ -148,6 +148,29 @@ def test_what_cannot_be_told_is_refused():
         calibrate(moved(campaign, 5), bare(MODELS["arm"]), CalibrationOptions(("drives",), hold_out="session"))
 
 
+def test_a_distance_is_from_another_row_of_the_same_session():
+    """The device stood elsewhere in each session, and with it the point that distances without a start are from."""
+    campaign = moved(measured("arm", 60, 5), 5)
+    samples, model = tuple(map(str, range(60))), bare(MODELS["arm"])
+    line = np.linalg.norm(np.roll(campaign.position_m, -1, axis=0) - campaign.position_m, axis=1)[:, None]
+    line[19::20] = np.nan
+    within = dataclasses.replace(campaign, samples=samples, distance_m=line, distance_from=(*samples[1:], ""))
+    np.testing.assert_array_equal(seen_from_one_place(within, model).distance_m, line)
+    line[21] = 1.0
+    for start in ("", "3"):
+        labels = (*within.distance_from[:21], start, *within.distance_from[22:])
+        with pytest.raises(CampaignError, match="line 23: where each session has a frame of its own, a distance"):
+            seen_from_one_place(dataclasses.replace(within, distance_m=line, distance_from=labels), model)
+
+
+def test_that_sessions_are_apart_is_told_beside_distances():
+    campaign = moved(measured("arm", 60, 6), 6)
+    told = {"metadata": campaign.metadata.model_copy(update={"frames": "one", "sigma_distance_m": 5e-5})}
+    line = np.linalg.norm(campaign.position_m, axis=1)[:, None]
+    flags = check_campaign(dataclasses.replace(campaign, distance_m=line, **told), MODELS["arm"].definition.drawing())
+    assert FlagCode.APART_SESSIONS in {flag.code for flag in flags}
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_diagnosis_counts_that_nobody_knows_where_sessions_measured_from(name):
     """Sessions are brought together by a robot that is wrong; what that moved is neither named nor made up for."""

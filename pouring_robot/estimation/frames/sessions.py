@@ -59,6 +59,19 @@ def _too_few(campaign: Campaign, name: str) -> CampaignError:
     return CampaignError(campaign.path, f"{few}, {unknown}")
 
 
+def _refuse_lines_between_frames(campaign: Campaign) -> None:
+    """Refuse distances from a fixed point, which is another in each session, and from the row of another session."""
+    if campaign.distance_m is None:
+        return
+    start, (_, session) = campaign.distance_start, np.unique(campaign.sessions, return_inverse=True)
+    other = (start == -1) | (start >= 0) & (session != session[start])
+    wrong = campaign.usable & np.isfinite(campaign.distance_m[:, 0]) & other
+    if wrong.any():
+        line = int(campaign.lines[wrong.argmax()])
+        rule = "where each session has a frame of its own, a distance is from another row of the same session"
+        raise CampaignError(campaign.path, f"line {line}: {rule}; name that in distance_from, or leave the cell empty")
+
+
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     """Return a campaign whose sessions all measure from where the tracker stood in the largest one.
 
@@ -66,11 +79,13 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     row, NaN where unknown.
 
     Raises:
-        CampaignError: a session has too few whole positions to tell where it measured from.
+        CampaignError: a session has too few whole positions to tell where it measured from, or a distance is from a
+            fixed point or another session.
         FrameFitError: of those of the largest too few have drives that reach a pose.
     """
     if not campaign.metadata.own_frames or len(set(campaign.sessions)) < 2:
         return campaign
+    _refuse_lines_between_frames(campaign)
     sessions, names = np.array(campaign.sessions), by_size(campaign)
     measured = campaign.measured_poses
     largest = np.flatnonzero(sessions == names[0])
