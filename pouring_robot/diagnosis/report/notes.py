@@ -58,7 +58,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
-    lines += [*_minor_lines(diagnosis), *_alike_lines(diagnosis)]
+    lines += [*_minor_lines(diagnosis), *_soft_lines(diagnosis), *_alike_lines(diagnosis)]
     refused = impossible_effects(diagnosis.hypothesis)
     if refused:
         lines.append(
@@ -116,6 +116,17 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
         own = f"left out of the model, {why}, and go by this campaign's own time or sessions"
         lines.append(f"{own}: {', '.join(passing)}")
     return lines
+
+
+def _soft_lines(diagnosis: Conclusions) -> list[str]:
+    """Return how much of the gap the load makes by soft joints beside the causes, which no model holds."""
+    hypothesis, named = diagnosis.hypothesis, diagnosis.judgement.causes
+    loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
+    if not (named and loose):
+        return []
+    size = np.sqrt(hypothesis.size(*loose) / len(hypothesis.problem.residual))
+    said = "fitted beside, but no effect, so not in the model: what the load makes of soft joints"
+    return [f"{said}, {size:.1f} times the noise"]
 
 
 def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
