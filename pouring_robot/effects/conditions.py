@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE, CampaignMetadata
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -383,7 +383,8 @@ def rows_beyond(campaign: Campaign) -> dict[str, Indices]:
     """Return the rows in which a condition is not known yet, or not any more, by its heading, ascending.
 
     Between two known values others may be filled in; of what comes long after the last one nobody knows anything. A few
-    rows count as between, and so does what is the same wherever it is known.
+    rows count as between, and so does what is the same wherever it is known. Where each pose was driven to from the
+    row before, nobody knows the side of a session's first row, and no other tells it.
     """
     order, found = np.argsort(_times(campaign), kind="stable"), {}
     for name, values in campaign.conditions.items():
@@ -392,6 +393,10 @@ def rows_beyond(campaign: Campaign) -> dict[str, Indices]:
             ends = order[: known[0]], order[known[-1] + 1 :]
             if rows := [row for end in ends if len(end) > _MOST_BEYOND for row in end.tolist()]:
                 found[campaign.heading(name)] = np.sort(np.array(rows, dtype=np.intp))
+    if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:
+        unsaid = campaign.usable & np.isnan(campaign.approach).all(axis=1)
+        if unsaid.any() and not unsaid.all():
+            found["the side that drives came from"] = np.flatnonzero(unsaid)
     return found
 
 

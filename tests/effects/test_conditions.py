@@ -210,3 +210,15 @@ def test_a_condition_is_not_carried_on_long_after_its_last_value(bench):
     found = rows_beyond(bench.campaign.with_conditions(leg1=ended, leg2=almost, leg3=same))
     assert list(found) == ["leg1_degC"]
     np.testing.assert_array_equal(found["leg1_degC"], np.arange(len(leg1) - 4, len(leg1)))
+
+
+def test_the_side_of_a_first_row_is_not_guessed(bench):
+    """Driven to from the row before, as the metadata say; of another campaign single empty cells are filled in."""
+    sides = np.array(bench.campaign.approach)
+    sides[[0, 7]], sides[9, 1] = np.nan, np.nan
+    stated = dataclasses.replace(bench.campaign, approach=sides)
+    assert not rows_beyond(stated)
+    metadata = stated.metadata.model_copy(update={"approach": "row before"})
+    (rows,) = rows_beyond(dataclasses.replace(stated, metadata=metadata)).values()
+    np.testing.assert_array_equal(rows, [0, 7])
+    assert not rows_beyond(dataclasses.replace(stated, metadata=metadata, approach=np.full(sides.shape, np.nan)))
