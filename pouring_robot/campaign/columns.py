@@ -122,4 +122,7 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
         if array == "position_m" or not known.isdisjoint(names)
     }
     conditions = {name: quantities[name] for name in numeric_conditions(robot) if name in quantities}
+    if "approach" in arrays:
+        both = zip(robot.drives, arrays["approach"].T, strict=True)
+        arrays["approach"] = np.column_stack([drive.side(sides) for drive, sides in both])
     return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

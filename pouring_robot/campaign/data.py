@@ -61,7 +61,8 @@ class Campaign(Result):
         distance_from: (n,) that sample; "" for the fixed point, as are all where it is empty.
         force: (n, drives) what was measured of the force or moment on each drive along its motion, in N and Nm,
             tension positive.
-        approach: (n, drives) +1 where the drive was rising when it stopped, -1 falling.
+        approach: (n, drives) +1 where the joint of the drive was rising when it stopped, -1 falling: in the table it is
+            the command that rises, which with a negative ratio is the other way round.
         conditions: (n,) values of each condition that is known, by quantity name, in s, kg, m and °C: ``time``,
             ``payload``, ``ambient``, the robot's travels and thermometers.
     """
@@ -355,9 +356,10 @@ class Campaign(Result):
         """Return a quantity as its column holds it: that of a drive with a gear is the motor's, not the joint's."""
         values = self.quantity(name)
         array, column = self._places.get(name, ("", 0))
-        if array != "drives" or values is None:
+        if array not in ("drives", "approach") or values is None:
             return values
-        return self.robot.drives[column].commanded(values)
+        drive = self.robot.drives[column]
+        return drive.side(values) if array == "approach" else drive.commanded(values)
 
     def heading(self, name: str) -> str:
         """Return the heading of a quantity in the file, or the one it would have."""

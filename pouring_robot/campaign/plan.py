@@ -124,9 +124,8 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:
     """Return the side that each drive comes from, (n,) by the column's name: by the row before; the first rose."""
-    sides = columns.from_the_row_before(drives)
-    sides[np.isnan(sides)] = 1.0
-    return dict(zip(columns.approach_names(robot), sides.T, strict=True))
+    sides = zip(robot.drives, columns.from_the_row_before(drives).T, strict=True)
+    return {drive.approach_column: np.where(np.isnan(side), 1.0, drive.side(side)) for drive, side in sides}
 
 
 def _random_conditions(robot: Robot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:

@@ -1,13 +1,16 @@
 """The side each drive came from, by the order of the rows: from the row before, where the table does not say it."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pouring_robot.campaign.columns import from_the_row_before
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.model import RobotModel
 from tests.campaign.simulated import write_text
+from tests.support import ROOT
 
 HEADER = "time_s,q1_mm,q2_mm,q3_mm,q4_rad,x_mm,y_mm,z_mm"
 # In order of time: 2, 0, 1, 3. The second leg stands still but for jitter, the last drive turns in the last row only.
@@ -44,6 +47,27 @@ def test_what_the_table_says_counts_and_what_is_written_reads_the_same(tmp_path)
     again = Campaign.read(table)
     assert again.metadata == campaign.metadata
     np.testing.assert_array_equal(again.approach, campaign.approach)
+
+
+def test_a_drive_rises_by_its_command(tmp_path):
+    """A joint that falls where its command rises came from the other side, stated or by the row before."""
+    folder = ROOT / "examples" / "robots" / "arm"
+    (tmp_path / "arm.urdf").write_text(RobotModel.for_robot(folder / "robot.yaml").definition.urdf(), encoding="utf-8")
+    text = (folder / "robot.yaml").read_text(encoding="utf-8").replace("xacro: arm.urdf.xacro", "urdf: arm.urdf")
+    path = tmp_path / "robot.yaml"
+    path.write_text(text.replace("column: q2", "column: q2, ratio: -0.5, zero: 0.1"), encoding="utf-8")
+    robot = RobotModel.for_robot(path).definition
+    commands = np.array([[0.0] * 6, [0.1] * 6, [-0.2] * 6])
+    told = pd.DataFrame({f"q{k + 1}_rad": column for k, column in enumerate(commands.T)})
+    told = told.assign(x_mm=1.0, y_mm=2.0, z_mm=3.0)
+    rose = np.array([1.0, 1.0, -1.0])
+    stated = Campaign.from_frame(told.assign(approach_q1=rose, approach_q2=rose), {}, robot)
+    by_order = Campaign.from_frame(told, {"drives": {"approach": "row before"}}, robot)
+    for campaign in (stated, by_order):
+        np.testing.assert_array_equal(campaign.approach[1:, :2], [[1.0, -1.0], [-1.0, 1.0]])
+        np.testing.assert_array_equal(campaign.to_frame().approach_q2[1:], rose[1:])
+    for sides in approaches(robot, stated.drives).values():
+        np.testing.assert_array_equal(sides, rose)
 
 
 def test_another_word_is_refused(tmp_path):

@@ -241,8 +241,9 @@ def _measurement(
     names: Sequence[tuple[str, str]],
     gains: FloatArray,
 ) -> SuggestedMeasurement:
-    sides = () if possible.approach is None else possible.approach[index].tolist()
-    given = {name: side for name, side in zip(approach_names(robot), sides, strict=False) if np.isfinite(side)}
+    sides = () if possible.approach is None else possible.approach[index]
+    both = zip(robot.drives, sides, strict=False)
+    given = {drive.approach_column: float(drive.side(side)) for drive, side in both if np.isfinite(side)}
     canonical = {quantity.name: quantity.canonical for quantity in robot.condition_columns if quantity.name != "time"}
     given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))

@@ -106,6 +106,10 @@ class Drive:
         """Return the command (SI) for values of the joint; same shape."""
         return np.asarray((value - self.zero) / self.factor)
 
+    def side(self, side: FloatArray) -> FloatArray:
+        """Return the joint's side of approach for the command's, +1 rising, or the other way round; same shape."""
+        return np.asarray(side * np.sign(self.factor))
+
 
 class RobotDefinition:
     """A robot of the drawing, by its file and path; raises DescriptionError where what they say is wrong."""
