@@ -43,8 +43,8 @@ def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> Fl
     model, drives = mechanism.shared_model, drive_parameters(mechanism)
     data, solver = model.createData(), ClosureSolver(mechanism)
     found = np.empty((len(configurations), len(drives)))
-    # Without loops a drive moves its own joint and no other.
-    moved = np.eye(model.nv)[:, [model.joints[model.getJointId(name)].idx_v for name in mechanism.loops.drives]]
+    # Without loops a drive moves its own joint, those that mimic it, and no other.
+    moved = mechanism.coupling[:, mechanism.drive_columns]
     for row, near in enumerate(configurations):
         if mechanism.anchors:
             closed = solver.solve_from(near)

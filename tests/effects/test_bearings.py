@@ -62,6 +62,8 @@ def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
     pan = campaign.drives[:, 1]
     about_y = GRAVITY * (SHIFT * MAST_KG + REACH * ARM_KG * np.cos(pan))
     np.testing.assert_allclose(given.joint_moments["rise.ry"], about_y, rtol=1e-9)
+    # what follows a drive at half its pace weighs half on it
+    np.testing.assert_allclose(given.drive_force[:, 0], -0.5 * GRAVITY * (MAST_KG + ARM_KG), rtol=1e-9)
     effect = all_effects(campaign.robot)["joint_compliance"]
     parameters = {p.name: p for p in effect.form("rise_alone", given).parameters}
     assert {name.partition("_by_")[0] for name in parameters} == {f"rise.yield_{axis}" for axis in "xyz"}
