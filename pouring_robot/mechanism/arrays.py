@@ -19,6 +19,11 @@ Z95 = 1.959963984540054
 """Half the 95 % interval of a normal deviate."""
 
 
+def as_columns(found: FloatArray) -> FloatArray:
+    """Return twists that Pinocchio has as columns, (6, n): it gives a single one as a vector."""
+    return np.asarray(np.reshape(found, (6, -1)))
+
+
 def evenly(count: int, most: int) -> NDArray[np.intp]:
     """Return which of so many things stand for all, ascending: every one, or ``most`` of more, evenly spread.
 

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, tree_of
 
@@ -362,7 +362,7 @@ class ClosedChainMechanism:
         """Return the first motion of joints, by Pinocchio's indices, in their own frames at zero: twists, (n, 6)."""
         model, data = self.shared_model, self.shared_model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        columns = [pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]] for j in joints]
+        columns = [as_columns(pin.getJointJacobian(model, data, j, pin.LOCAL))[:, model.idx_vs[j]] for j in joints]
         return np.array(columns).reshape(-1, 6)
 
     def named_drives(self, values: FloatArray) -> dict[str, float]:

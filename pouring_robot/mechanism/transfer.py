@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
-from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, as_columns
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.closure.placements import PlacedTwists, Weight
@@ -125,7 +125,7 @@ def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[
     turn = pin.SE3(pose.rotation, np.zeros(3))
     # Turns world twists into displacement of the frame's origin and rotation, in base axes.
     to_base_axes = turn.toActionMatrix() @ tip.toActionMatrixInverse()
-    of_tip, of_base = (pin.getFrameJacobian(energy.model, energy.data, k, pin.WORLD) for k in ids)
+    of_tip, of_base = (as_columns(pin.getFrameJacobian(energy.model, energy.data, k, pin.WORLD)) for k in ids)
     direct = to_base_axes @ (placed.world * (placed.carried(paths[frame]) - placed.carried(paths[own])))
     for k, parameter in enumerate(placed.parameters):
         if isinstance(parameter, FrameParameter):

@@ -6,11 +6,13 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import brentq
 
 from pouring_robot.exceptions import ClosureError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
@@ -185,6 +187,35 @@ def test_a_soft_drive_sags_to_where_its_spring_carries_the_weight():
     moment = pin.computeGeneralizedGravity(model, data, result.configuration)[model.idx_vs[elbow]]
     assert result.joint_values["elbow"] - VALUES["elbow"] == pytest.approx(-moment / stiffness, rel=1e-9)
     assert abs(moment) > 1.0
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_an_arm_may_have_one_joint(soft):
+    """A rod that stands up by its hinge: its G is that of a lever, and its weight at half its length turns it."""
+    length, kg, angle, stiffness = 2.0, 3.0, 0.4, 1e3
+    urdf = (
+        '<robot name="rod"><link name="foot"/><link name="rod"><inertial><origin xyz="0 0 1"/><mass value="3"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>'
+        '<joint name="hinge" type="revolute"><parent link="foot"/><child link="rod"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        '<joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="0 0 2"/></joint></robot>'
+    )
+    mechanism = ClosedChainMechanism(urdf, LoopsFile(base_frame="foot", end_frame="tip", drives=("hinge",)))
+    np.testing.assert_array_equal(mechanism.joint_axes([1]), [[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+    solver, result = solved(
+        mechanism, Loads(gravity=True, drive_stiffness={"hinge": stiffness} if soft else {}), {"hinge": angle}
+    )
+    moment = kg * GRAVITY_M_S2 * 0.5 * length
+    if soft:
+        angle = brentq(lambda a: stiffness * (a - 0.4) - moment * np.sin(a), 0.3, 0.6)
+    at = length * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    np.testing.assert_allclose(result.pose_base_to_end.translation, at, rtol=0, atol=1e-12)
+    parameters = drive_parameters(mechanism) + placement_parameters(["hinge"])
+    found = closed_chain_transfer(solver, result, parameters).matrix
+    gain = stiffness / (stiffness - moment * np.cos(angle)) if soft else 1.0  # of the angle by its command
+    lever = np.array([at[2], 0.0, -at[0], 0.0, 1.0, 0.0])
+    np.testing.assert_allclose(found[:, 0], gain * lever, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found[:, 5], gain * lever, rtol=1e-9, atol=1e-12)  # hinge.ry
 
 
 def test_drives_alone_hold_the_arm():

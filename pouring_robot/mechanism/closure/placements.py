@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, as_columns
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, TwistColumns
 from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
@@ -107,12 +107,12 @@ class Weight:
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
         body = self._payload(1.0)
-        velocities = _velocity(self._data.J, body.centre) * self._carries(body)
+        velocities = _velocity(as_columns(self._data.J), body.centre) * self._carries(body)
         return np.asarray(-self._gravity @ velocities)
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
         """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
-        motion, twists = self._data.J, placed.world
+        motion, twists = as_columns(self._data.J), placed.world
         first = placed.columns().depth < self._energy.joint_depths[:, None]
         # g · (ω × v) = (g × ω) · v, of the one that comes first and the other
         by_joint, by_placement = (np.cross(self._gravity, part[3:], axisb=0) for part in (motion, twists))
