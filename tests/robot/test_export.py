@@ -330,6 +330,39 @@ def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
         exported_files(closed, tmp_path / "out", "mjcf")
 
 
+@pytest.mark.parametrize(("link", "moments", "lacks"), [
+    ("tip_mount", "", ""),
+    ("spindle", "", ""),  # the tip is fixed to it
+    ("turn", "", "link turn_link moves and has no mass"),  # nor has the bracket
+    ("belt", "0 0 0", "link belt_link moves and has no mass, or no moment of inertia about an axis"),
+    ("belt", "0 1 1", "link belt_link moves and has no mass, or no moment of inertia about an axis"),
+])  # fmt: skip
+def test_mujoco_weighs_links_as_they_are_said_to_weigh(tied, tmp_path, link, moments, lacks):
+    """Whatever they look like, and whether it takes them."""
+    path = tied.definition.source
+    root = etree.parse(path)
+    for entry in root.iterfind("link"):
+        etree.SubElement(etree.SubElement(etree.SubElement(entry, "visual"), "geometry"), "sphere", radius="0.1")
+        if entry.get("name") == f"{link}_link":
+            inertial = entry.find("inertial")
+            for key, value in zip(("ixx", "iyy", "izz"), moments.split(), strict=False):
+                inertial.find("inertia").set(key, value)
+            if not moments:
+                entry.remove(inertial)
+    etree.SubElement(root.getroot(), "link", name="bracket")
+    bracket = etree.SubElement(root.getroot(), "joint", name="bracket_mount", type="fixed")
+    etree.SubElement(bracket, "parent", link="turn_link")
+    etree.SubElement(bracket, "child", link="bracket")
+    root.write(path)
+    closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    if lacks:
+        with pytest.raises(DescriptionError, match=lacks):
+            written(closed, tmp_path / "out", "mjcf")
+        return
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "out", "mjcf")))
+    assert model.body_mass.sum() == pytest.approx(len(TIED) - 1.0)
+
+
 def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
     closed = ClosedRobot.of(crooked)
     for form, loops in (("sdf", "joint"), ("drake", "{http://drake.mit.edu}linear_bushing_rpy")):

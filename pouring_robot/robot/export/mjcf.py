@@ -23,6 +23,8 @@ from pouring_robot.robot.export.closed import ClosedRobot
 # Of a loop that is left to itself: how fast it closes, in s. And MuJoCo's largest impedance.
 _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
 _DEFAULT_DAMPING = 1.0
+# Of a moving body, in kg m²: MuJoCo refuses less.
+_LEAST_MOMENT = 1e-15
 # Condition of a mass matrix beyond which something in it has no mass.
 _MOST_UNEQUAL = 1e14
 
@@ -37,6 +39,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     etree.SubElement(
         root, "compiler", angle="radian", meshdir="meshes", autolimits="true", fusestatic="false",
         discardvisual="false", balanceinertia="false", boundmass="0", boundinertia="0",
+        inertiafromgeom="false",
     )  # fmt: skip
     options = {"integrator": "implicitfast", "iterations": "100", "tolerance": "1e-14"}
     mobilities = _mobilities(closed, assembly)
@@ -113,13 +116,23 @@ def _placed(parent: Any, body: Body, above: pin.SE3, *, free: bool = False) -> A
     return element
 
 
+def _weighs(body: Body, assembly: Assembly) -> bool:
+    """Return whether a body, or one that is fixed to it, has a mass that is neither a point nor a line."""
+    if body.inertia is not None and np.linalg.eigvalsh(body.inertia.inertia).min() > _LEAST_MOMENT:
+        return True
+    fixed = (name for name in assembly.carried_by(body.name) if assembly.joints[name].kind == "fixed")
+    return any(_weighs(assembly.bodies[name], assembly) for name in fixed)
+
+
 def _fill(element: Any, body: Body, assembly: Assembly) -> None:
     """Put joint, mass and shapes of a body into its element, and what it carries below it."""
     joint = assembly.joints.get(body.name)
     if joint is not None and joint.kind != "fixed":
         _joint(element, joint, assembly)
-        if body.inertia is None and not any(assembly.joints[c].kind == "fixed" for c in assembly.carried_by(body.name)):
-            raise DescriptionError("URDF", f"link {body.name} moves and has no mass, which MuJoCo refuses; give it one")
+        if not _weighs(body, assembly):
+            lacks = "mass, or no moment of inertia about an axis" if body.inertia else "mass"
+            problem = f"link {body.name} moves and has no {lacks}, which MuJoCo refuses; give it one"
+            raise DescriptionError("URDF", problem)
     if body.inertia is not None and body.name != assembly.base:
         m = body.inertia.inertia
         moments = text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
