@@ -20,7 +20,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
-from pouring_robot.mechanism.pinocchio_model import displace_model, tree_of
+from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
@@ -267,8 +267,7 @@ class ClosedChainMechanism:
         model = self.shared_model
         if not model.existFrame(name):
             raise UnknownFrameError(name, (frame.name for frame in model.frames))
-        link = pin.FrameType.BODY  # a joint may be called as a link is; the link counts
-        return int(model.getFrameId(name, link) if model.existFrame(name, link) else model.getFrameId(name))
+        return frame_index(model, name)
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere

@@ -174,6 +174,12 @@ def _heard(words: list[str]) -> Iterator[None]:
             words += [line for line in heard.read().decode(errors="replace").splitlines() if line.strip()]
 
 
+def frame_index(model: pin.Model, name: str) -> int:
+    """Return Pinocchio's index of a frame that is there; a joint may be called as a link is, and the link counts."""
+    link = pin.FrameType.BODY
+    return int(model.getFrameId(name, link) if model.existFrame(name, link) else model.getFrameId(name))
+
+
 def displace_model(model: pin.Model, displacements: Mapping[str, pin.SE3]) -> None:
     """Displace joints, fixed and moving, with all they carry, by poses in their present placements, in place."""
     before = [frame.placement.copy() for frame in model.frames]
