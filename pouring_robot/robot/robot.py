@@ -31,7 +31,7 @@ from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity, dexterity
 from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
-from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import Reached, Target, bring
@@ -329,12 +329,16 @@ class Robot:
         return None
 
     def _length_m(self, location: Location) -> float:
-        """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths."""
+        """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths.
+
+        A metre where they all are at it.
+        """
         mechanism = location.nominal.mechanism
         end = location.nominal.pose("universe", str(mechanism.loops.end_frame)).translation
         data = mechanism.frames_at(location.nominal.configuration)
         joints = [data.oMi[mechanism.joint_id(name)].translation for name in mechanism.loops.drives]
-        return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
+        length = float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
+        return length if length > ROUND_OFF else 1.0
 
     def transfer(
         self, command: Command, parameters: str | Sequence[str | LocalParameter] = "geometry", frame: str | None = None

@@ -114,6 +114,26 @@ def test_a_robot_without_loops_is_near_no_parallel_singularity(arm):
     assert (found.singularity, found.distance) == ("serial", pytest.approx(1.0))
 
 
+def test_a_camera_whose_axes_meet_in_it_only_turns(tmp_path):
+    """No length compares angles with lengths there; its drives turn about two axes that are square to each other."""
+    turns = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
+        "</joint>"
+        for name, parent, child, axis in (("pan", "foot", "yoke", "0 0 1"), ("tilt", "yoke", "lens", "0 1 0"))
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("foot", "yoke", "lens"))
+    (tmp_path / "camera.urdf").write_text(f'<robot name="camera">{links}{turns}</robot>', encoding="utf-8")
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "format: pouring_robot/robot/1\nname: camera\nurdf: camera.urdf\nbase_frame: foot\nend_frame: lens\n"
+        "drives: [{joint: pan}, {joint: tilt}]\n",
+        encoding="utf-8",
+    )
+    robot = Robot.load(path)
+    found = robot.dexterity(robot.location_at([0.2, 0.4]))
+    assert (found.condition, found.distance) == (pytest.approx(1.0), pytest.approx(1.0))
+
+
 @pytest.mark.parametrize(("home", "rails"), [("", 0.0), ("rails: 2.5, ", 2.5)])
 def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rails):
     """The hook has the freedoms of its drives, wherever the bridge stands; the wire is as long as Pythagoras says."""
