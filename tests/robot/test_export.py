@@ -376,6 +376,38 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
         assert len(model.findall(loops)) == (4 if form == "drake" else 22 + 2 + 1 + 4)
 
 
+@pytest.mark.parametrize(("seen", "touched", "scale"), [
+    ("visual/part.stl", "collision/part.stl", "1 1 1"),
+    ("visual/part.stl", "collision/part.obj", "1 1 1"),
+    ("visual/part.obj", "collision/part.stl", "1 1 1"),
+    ("part.stl", "part.stl", "1 -3 1"),  # one mesh in two sizes, as of a left and a right leg
+])  # fmt: skip
+def test_every_format_has_each_mesh_in_its_own_place(tied, tmp_path, seen, touched, scale):
+    """A long box is seen, and what it touches with is a block, or the same box in another size."""
+    path, sizes = tied.definition.source, {touched: np.array([0.1, 0.1, 0.1])} | {seen: np.array([0.1, 0.2, 0.3])}
+    for name, size in sizes.items():
+        (path.parent / name).parent.mkdir(exist_ok=True)
+        trimesh.creation.box(size).export(path.parent / name)
+    root = etree.parse(path)
+    for what, name, size in (("visual", seen, "1 1 1"), ("collision", touched, scale)):
+        geometry = etree.SubElement(etree.SubElement(root.find("link[@name='tip_mount_link']"), what), "geometry")
+        etree.SubElement(geometry, "mesh", filename=name, scale=size)
+    root.write(path)
+    closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    expected = [sizes[seen], sizes[touched] * np.abs(np.array(scale.split(), dtype=float))]
+
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "mjcf", "mjcf")))
+    for geom, size in zip(model.geom_dataid, expected, strict=True):
+        first = model.mesh_vertadr[geom]
+        corners = model.mesh_vert[first : first + model.mesh_vertnum[geom]]
+        assert sorted(np.ptp(corners, axis=0)) == pytest.approx(sorted(size), rel=1e-6)
+    for form, tag, attribute in (("urdf", "mesh", "filename"), ("sdf", "uri", None)):
+        out = written(closed, tmp_path / form, form)
+        names = [entry.get(attribute) if attribute else entry.text for entry in etree.parse(out).iter(tag)]
+        for name, size in zip(names, (sizes[seen], sizes[touched]), strict=True):
+            assert np.ptp(trimesh.load_mesh(out.parent / name).bounds, axis=0) == pytest.approx(size, rel=1e-6)
+
+
 def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
     source = ROBOTS / "arm" / "arm.urdf.xacro"
     urdf = RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf()

@@ -210,9 +210,10 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         if _of_others(mesh.get("filename", "")):
             continue  # of a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
-        if source not in names:  # what is seen and what collides are often called alike, in two folders
+        if source not in names:  # what is seen and what collides are often called alike, in two folders or formats
             others = itertools.chain([source.name], (f"{k}_{source.name}" for k in itertools.count(2)))
-            names[source] = next(name for name in others if name not in names.values())
+            stems = {Path(name).stem for name in names.values()}  # by which every other format of it is called, too
+            names[source] = next(name for name in others if Path(name).stem not in stems)
         try:
             files[folder / "meshes" / names[source]] = source.read_bytes()
         except OSError as error:

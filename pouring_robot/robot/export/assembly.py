@@ -1,5 +1,7 @@
 """A closed robot as bodies, joints and loops, each body where it stands: what MJCF and SDF are written from."""
 
+import functools
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -87,9 +89,12 @@ class Assembly:
     mimics: Mapping[tuple[str, str], float]  # ratio by follower and leader
 
     @classmethod
-    def of(cls, closed: ClosedRobot) -> Self:
-        """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written."""
-        root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
+    def of(cls, closed: ClosedRobot, urdf: bytes | None = None) -> Self:
+        """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written.
+
+        ``urdf`` is the tree as it is exported, whose meshes are called as their files are; by default as it is drawn.
+        """
+        root, mechanism = etree.fromstring(urdf or closed.urdf.encode()), closed.mechanism
         paint = {
             m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None
         }
@@ -138,11 +143,15 @@ class Assembly:
         """Bodies that only loops hold."""
         return tuple(name for name in self.bodies if name not in self.joints and name != self.base)
 
-    @property
-    def meshes(self) -> dict[str, Shape]:
-        """One shape of each mesh, by file name."""
-        every = (s for body in self.bodies.values() for s in (*body.visuals, *body.collisions))
-        return {shape.mesh: shape for shape in every if shape.mesh}
+    @functools.cached_property
+    def meshes(self) -> dict[tuple[str, tuple[float, ...]], str]:
+        """A name for each mesh in each size, by its file and scale: left and right are often one mesh, mirrored."""
+        found: dict[tuple[str, tuple[float, ...]], str] = {}
+        for shape in (s for body in self.bodies.values() for s in (*body.visuals, *body.collisions) if s.mesh):
+            if (shape.mesh, shape.sizes) not in found:
+                names = itertools.chain([shape.stem], (f"{shape.stem}_{k}" for k in itertools.count(2)))
+                found[shape.mesh, shape.sizes] = next(name for name in names if name not in found.values())
+        return found
 
 
 def _carriers_first(links: Mapping[str, Any], joints: Mapping[str, Joint]) -> list[str]:

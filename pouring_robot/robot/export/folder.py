@@ -36,9 +36,6 @@ def exported_files(
     the root. Raises DescriptionError: a mesh is missing, or the format cannot say something; BadInputError: the folder
     holds files of a tree with other zeros.
     """
-    assembly = Assembly.of(closed)
-    pairs = joined_or_touching(closed, assembly)
-    name = assembly.name
     joints = {folder / f"joints.{kind}" for kind in ("csv", "json")}
     beside: dict[str, bytes] = closed.robot.model.definition.files_beside() if form == "urdf" else {}
     if zero_here:  # these count from the drawing's zeros
@@ -47,14 +44,16 @@ def exported_files(
         joints, beside = set(), {}
     files = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
     *_, urdf = files
-    drawn = files.pop(urdf)
+    drawn = _bytes(files.pop(urdf))
+    assembly = Assembly.of(closed, drawn)
+    pairs, name = joined_or_touching(closed, assembly), assembly.name
     for path in [path for path in files if path.parent.name == "meshes"]:
         mesh = trimesh.load_mesh(io.BytesIO(_bytes(files[path])), file_type=path.suffix[1:])
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
         files[path.with_suffix(".glb")] = _bytes(mesh.export(file_type="glb"))
     files |= {place: joints_text([JointRow.of(closed.result)], place) for place in sorted(joints)}
     if form != "urdf":
-        for missing in (name for name in assembly.meshes if folder / "meshes" / name not in files):
+        for missing in (name for name, _ in assembly.meshes if folder / "meshes" / name not in files):
             problem = f"the mesh {missing} lies in a package that is not here"
             raise DescriptionError("URDF", f"{problem}; give its file in the URDF, or export urdf")
     match form:

@@ -7,6 +7,7 @@ hangs free between all of its chains, so no chain is preferred.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any, Self
 
 import numpy as np
@@ -48,8 +49,8 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     etree.SubElement(root, "option", gravity=text((0.0, 0.0, -GRAVITY_M_S2)), timestep=repr(step), **options)
     etree.SubElement(root, "statistic", extent="3")
     asset = etree.SubElement(root, "asset")
-    for shape in assembly.meshes.values():
-        etree.SubElement(asset, "mesh", name=shape.stem, file=f"{shape.stem}.obj", scale=text(shape.sizes))
+    for (file, scale), name in assembly.meshes.items():
+        etree.SubElement(asset, "mesh", name=name, file=f"{PurePosixPath(file).stem}.obj", scale=text(scale))
     world = etree.SubElement(root, "worldbody")
     etree.SubElement(world, "light", pos="0 0 6", directional="true")
     _fill(world, assembly.bodies[assembly.base], assembly)
@@ -140,9 +141,9 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
             element, "inertial", pos=text(body.inertia.lever), mass=repr(body.inertia.mass), fullinertia=moments
         )
     for shape in body.visuals:
-        _geom(element, shape, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
+        _geom(element, shape, assembly, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
     for shape in body.collisions:
-        _geom(element, shape, group="3")
+        _geom(element, shape, assembly, group="3")
     for frame in dict.fromkeys(f for loop in assembly.loops.loops for f in (loop.frame_a, loop.frame_b)):
         if assembly.solid(frame) == body.name:
             place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
@@ -167,11 +168,11 @@ def _joint(element: Any, joint: Joint, assembly: Assembly) -> None:
         written.set("range", text(joint.limits))
 
 
-def _geom(element: Any, shape: Shape, **more: str) -> None:
+def _geom(element: Any, shape: Shape, assembly: Assembly, **more: str) -> None:
     kinds = {"box": 0.5, "cylinder": 0.5, "sphere": 1.0, "mesh": 0.0}
     geom = etree.SubElement(element, "geom", type=shape.kind, **_pose(shape.pose), **more)
     if shape.kind == "mesh":
-        geom.set("mesh", shape.stem)
+        geom.set("mesh", assembly.meshes[shape.mesh, shape.sizes])
     elif shape.kind == "cylinder":
         geom.set("size", text((shape.sizes[0], 0.5 * shape.sizes[1])))
     else:
