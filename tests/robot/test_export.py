@@ -408,6 +408,20 @@ def test_every_format_has_each_mesh_in_its_own_place(tied, tmp_path, seen, touch
             assert np.ptp(trimesh.load_mesh(out.parent / name).bounds, axis=0) == pytest.approx(size, rel=1e-6)
 
 
+@pytest.mark.parametrize("name", ["part.stl", "part.obj", "part.dae", "part.ply"])
+@pytest.mark.parametrize("content", ["", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"])
+@pytest.mark.parametrize("what", ["visual", "collision"])
+def test_a_mesh_file_that_holds_none_is_named(tied, tmp_path, what, content, name):
+    """As what stands for large files in a repository until they are fetched."""
+    path = tied.definition.source
+    (path.parent / name).write_text(content, encoding="utf-8")
+    shape = f'<{what}><geometry><mesh filename="{name}"/></geometry></{what}></link>'
+    path.write_text(path.read_text("utf-8").replace("</link>", shape, 1), encoding="utf-8")
+    closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    with pytest.raises(DescriptionError, match=rf"the mesh {name} (cannot be read|has no faces)"):
+        exported_files(closed, tmp_path / "out")
+
+
 def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
     source = ROBOTS / "arm" / "arm.urdf.xacro"
     urdf = RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf()

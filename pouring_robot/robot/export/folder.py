@@ -33,8 +33,8 @@ def exported_files(
     It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
     bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed; neither joint values
     nor how it closes are written, which count from the drawing's zeros. ``absolute_meshes``: meshes are addressed from
-    the root. Raises DescriptionError: a mesh is missing, or the format cannot say something; BadInputError: the folder
-    holds files of a tree with other zeros.
+    the root. Raises DescriptionError: a mesh is missing or none, or the format cannot say something; BadInputError: the
+    folder holds files of a tree with other zeros.
     """
     joints = {folder / f"joints.{kind}" for kind in ("csv", "json")}
     beside: dict[str, bytes] = closed.robot.model.definition.files_beside() if form == "urdf" else {}
@@ -46,11 +46,12 @@ def exported_files(
     *_, urdf = files
     drawn = _bytes(files.pop(urdf))
     assembly = Assembly.of(closed, drawn)
-    pairs, name = joined_or_touching(closed, assembly), assembly.name
+    name = assembly.name
     for path in [path for path in files if path.parent.name == "meshes"]:
-        mesh = trimesh.load_mesh(io.BytesIO(_bytes(files[path])), file_type=path.suffix[1:])
+        mesh = _mesh(path, _bytes(files[path]))
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
         files[path.with_suffix(".glb")] = _bytes(mesh.export(file_type="glb"))
+    pairs = joined_or_touching(closed, assembly)
     files |= {place: joints_text([JointRow.of(closed.result)], place) for place in sorted(joints)}
     if form != "urdf":
         for missing in (name for name, _ in assembly.meshes if folder / "meshes" / name not in files):
@@ -66,6 +67,18 @@ def exported_files(
             files[urdf.with_suffix(".srdf")] = srdf(assembly, pairs)
             files[urdf] = _absolute(drawn, folder) if absolute_meshes else drawn
     return files
+
+
+def _mesh(path: Path, content: bytes) -> Any:
+    """Return what a mesh file holds; raises DescriptionError where that is none."""
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=path.suffix[1:])
+    except Exception as problem:  # each format has a reader of its own, which may fail in any way
+        why = " ".join(str(problem).split())
+        raise DescriptionError("URDF", f"the mesh {path.name} cannot be read: {why}") from problem
+    if mesh.is_empty:
+        raise DescriptionError("URDF", f"the mesh {path.name} has no faces; is the file whole?")
+    return mesh
 
 
 def _bytes(content: Any) -> bytes:
