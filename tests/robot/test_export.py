@@ -337,6 +337,10 @@ def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
     ("turn", "", "link turn_link moves and has no mass"),  # nor has the bracket
     ("belt", "0 0 0", "link belt_link moves and has no mass, or no moment of inertia about an axis"),
     ("belt", "0 1 1", "link belt_link moves and has no mass, or no moment of inertia about an axis"),
+    ("tip_mount", "0 0 0", ""),  # a point mass that does not move by itself
+    ("tip_mount", "0 1 1", "link tip_mount_link: principal moments of inertia 0, 1, 1"),
+    ("tip_mount", "1 1 3", "link tip_mount_link: principal moments of inertia 1, 1, 3"),
+    ("tip_mount", "1 -1 1", "link tip_mount_link: principal moments of inertia -1, 1, 1"),
 ])  # fmt: skip
 def test_mujoco_weighs_links_as_they_are_said_to_weigh(tied, tmp_path, link, moments, lacks):
     """Whatever they look like, and whether it takes them."""
@@ -356,12 +360,13 @@ def test_mujoco_weighs_links_as_they_are_said_to_weigh(tied, tmp_path, link, mom
     etree.SubElement(bracket, "child", link="bracket")
     root.write(path)
     closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    assert written(closed, tmp_path / "urdf").exists()
     if lacks:
         with pytest.raises(DescriptionError, match=lacks):
             written(closed, tmp_path / "out", "mjcf")
         return
     model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "out", "mjcf")))
-    assert model.body_mass.sum() == pytest.approx(len(TIED) - 1.0)
+    assert model.body_mass.sum() == pytest.approx(len(TIED) - (not moments))
 
 
 def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):

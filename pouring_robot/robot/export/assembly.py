@@ -168,7 +168,8 @@ def _inertia(link: Any) -> pin.Inertia | None:
         return None
     moments = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(moments.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
-    own = pin.Inertia(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    own = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+    own.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # as it is said, also that of no body
     return origin_pose(inertial).act(own)
 
 

@@ -26,6 +26,7 @@ _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
 _DEFAULT_DAMPING = 1.0
 # Of a moving body, in kg m²: MuJoCo refuses less.
 _LEAST_MOMENT = 1e-15
+_ROUND_OFF = 1e-9
 # Condition of a mass matrix beyond which something in it has no mass.
 _MOST_UNEQUAL = 1e14
 
@@ -136,10 +137,17 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
             raise DescriptionError("URDF", problem)
     if body.inertia is not None and body.name != assembly.base:
         m = body.inertia.inertia
-        moments = text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
-        etree.SubElement(
-            element, "inertial", pos=text(body.inertia.lever), mass=repr(body.inertia.mass), fullinertia=moments
-        )
+        least, middle, most = np.linalg.eigvalsh(m)
+        if m.any() and not (least > 0.0 and most <= (least + middle) * (1.0 + _ROUND_OFF)):
+            said = f"{least:.3g}, {middle:.3g}, {most:.3g} kg m²"
+            problem = (
+                f"link {body.name}: principal moments of inertia {said} are those of no body, which MuJoCo refuses"
+            )
+            raise DescriptionError("URDF", f"{problem}; give positive ones, each at most the sum of the others")
+        moments = {"fullinertia": text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))}
+        if not m.any():  # MuJoCo takes a point mass that does not move by itself if it is said so
+            moments = {"diaginertia": "0 0 0"}
+        etree.SubElement(element, "inertial", pos=text(body.inertia.lever), mass=repr(body.inertia.mass), **moments)
     for shape in body.visuals:
         _geom(element, shape, assembly, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
     for shape in body.collisions:
