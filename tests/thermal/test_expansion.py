@@ -56,7 +56,7 @@ def test_pose_against_the_independent_oracle(case):
 
 def test_drives_follow_the_convention(drawing):
     """Offset, then grown with the leg; the tilt is no length."""
-    offset = DriveOffset(mm=2.0)
+    offset = DriveOffset(offset_mm=2.0)
     robot = drawing.built_as(drawing.model.model_copy(update={"drive_offsets": {"leg1_s3": offset}}))
     drives = {"leg1_s3": 0.55, "leg2_s3": 0.55, "leg3_s3": 0.70, "leg4_s5": 0.1}
     grown = WarmRobot(robot, heated(leg1=120.0, leg3=220.0), POSE).actual_drives(drives)

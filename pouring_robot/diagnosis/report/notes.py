@@ -124,7 +124,7 @@ def _soft_lines(diagnosis: Conclusions) -> list[str]:
     loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
     if not (named and loose):
         return []
-    size = np.sqrt(hypothesis.size(*loose) / len(hypothesis.problem.residual))
+    size = np.sqrt(hypothesis.squared_size(*loose) / len(hypothesis.problem.residual))
     said = "fitted beside, but no effect, so not in the model: what the load makes of soft joints"
     return [f"{said}, {size:.1f} times the noise"]
 
