@@ -15,7 +15,7 @@ from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, by_chance, search
+from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, chance_level, search
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
@@ -83,7 +83,7 @@ class Diagnoser:
         return self._options_in(self.problem_at(self.at_rest()))
 
     def _options_in(self, problem: Problem) -> SearchOptions:
-        return replace(self.options, by_chance=by_chance(Hypothesis.nothing(problem), self.options.false_names))
+        return replace(self.options, by_chance=chance_level(Hypothesis.nothing(problem), self.options.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)

@@ -15,7 +15,7 @@ from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE, CampaignMetadata
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.io.temperatures import REFERENCE_DEGC
+from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
@@ -260,7 +260,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     whole = functools.partial(_without_gaps, campaign, filled)
     facts, robot = learned or campaign.metadata, nominal.robot
     stated = facts.reference_temperature_degC
-    reference = REFERENCE_DEGC if stated is None else stated
+    reference = reference_degC(stated)
     weight, force, by_weight, moments = _loads(facts, nominal, whole("payload"))
     for k, name in enumerate(force_names(robot)):
         measured = whole(name)
@@ -315,7 +315,6 @@ def told(campaign: Campaign) -> dict[str, FloatArray]:
 def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
     """Return what effects that are learned in a campaign, under its conditions, are to be counted from elsewhere."""
     metadata = campaign.metadata
-    reference = metadata.reference_temperature_degC
     return LearnedCampaign(
         ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
         seen_rad={
@@ -327,7 +326,7 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
         mean_span_m=conditions.mean_span_m.tolist(),
         mean_force=conditions.mean_force.tolist(),
         mean_rise_k={name: float(rise.mean()) for name, rise in conditions.rises.items()},
-        reference_temperature_degC=REFERENCE_DEGC if reference is None else reference,
+        reference_temperature_degC=reference_degC(metadata.reference_temperature_degC),
         screw_pitch_m=metadata.screw_pitch_m,
         truss_span_m=metadata.truss_span_m,
         ladle_tare_kg=metadata.ladle_tare_kg,

@@ -38,7 +38,7 @@ class Thresholds:
     # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
     minor_evidence: float = 25.0
 
-    def least_evidence(self, tried: int) -> float:
+    def evidence_of_one_in(self, tried: int) -> float:
         """Return the log evidence that one of so many things must be worth, in nats."""
         return float(np.log(max(tried, 1) / self.false_names))
 
@@ -51,7 +51,7 @@ class Thresholds:
         power of a test (Cohen, Statistical power analysis, 1988).
         """
         beyond = float(ndtri(_POWER))
-        return float((beyond + np.sqrt(beyond**2 + 2.0 * self.least_evidence(1))) ** 2)
+        return float((beyond + np.sqrt(beyond**2 + 2.0 * self.evidence_of_one_in(1))) ** 2)
 
 
 DEFAULT_THRESHOLDS = Thresholds()
@@ -104,12 +104,12 @@ class Judgement:
         limits = self.thresholds
         largest = max((cause.size for cause in self.causes if not cause.exact), default=0.0)
         least = max(limits.structure_size, limits.structure_share * largest)
-        return tuple(s for s in self.structures if s.evidence > self.least_evidence and s.size > least)
+        return tuple(s for s in self.structures if s.evidence > self.structure_evidence and s.size > least)
 
     @property
-    def least_evidence(self) -> float:
+    def structure_evidence(self) -> float:
         """What structure, or a process against a cause, must be worth, in nats."""
-        return self.thresholds.least_evidence(self.tried)
+        return self.thresholds.evidence_of_one_in(self.tried)
 
     @property
     def challenged(self) -> tuple[tuple[Cause, Challenge], ...]:
@@ -119,7 +119,7 @@ class Judgement:
     @property
     def beaten(self) -> dict[str, Challenge]:
         """Effects in whose place a process explains better, so that something is unknown, with that process."""
-        return {c.effect: found for c, found in self.challenged if found.margin > self.least_evidence}
+        return {c.effect: found for c, found in self.challenged if found.margin > self.structure_evidence}
 
     def disbelieved(self, why: str) -> Judgement:
         """Return the same with no cause that is sure, as something is wrong with all of them."""
@@ -151,7 +151,7 @@ def judge(
     @functools.cache
     def rest() -> tuple[Summand, ...]:
         """Return the processes whose sum explains what is left, worked out where that decides something."""
-        return tuple(discrepancy.sum(thresholds.least_evidence(len(discrepancy)), _MOST_PARTS))
+        return tuple(discrepancy.sum(thresholds.evidence_of_one_in(len(discrepancy)), _MOST_PARTS))
 
     left = discrepancy.structures()
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
@@ -192,7 +192,7 @@ def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
 
     There it is for a cause to show that it is no part of that.
     """
-    least, structure = found.thresholds.least_evidence(1), found.least_evidence
+    least, structure = found.thresholds.evidence_of_one_in(1), found.structure_evidence
     causes = (cause for cause, _ in found.challenged)
     return tuple(cause.effect for cause in causes if discrepancy.lead(cause.indices, structure) < least)
 
@@ -203,13 +203,13 @@ def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Di
     And what processes find beside it then. What that noise leaves no evidence for is no cause.
     """
     factor, evidence = discrepancy.noise()
-    if evidence <= found.least_evidence:
+    if evidence <= found.structure_evidence:
         return found, discrepancy
     under = discrepancy.under(factor)
     left = tuple(under.structures())
-    if any(structure.evidence > found.least_evidence for structure in left):
+    if any(structure.evidence > found.structure_evidence for structure in left):
         return found, discrepancy
-    least = found.thresholds.least_evidence(1)
+    least = found.thresholds.evidence_of_one_in(1)
     causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
     minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
     challenges = tuple(under.challenge(cause.indices) for cause in causes)
@@ -247,7 +247,7 @@ def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied
     kept: list[str] = []
     for effect in sorted(effects, key=lambda effect: -squared[effect]):
         lead = min((-varying(larger).challenge(items[effect]).margin for larger in kept), default=np.inf)
-        least = thresholds.least_evidence(1)
+        least = thresholds.evidence_of_one_in(1)
         if squared[effect] <= thresholds.minor_share**2 * max(squared.values()):
             lead, least = min(lead, _evidence(hypothesis, items[effect])), thresholds.minor_evidence
         if lead > least:
@@ -348,7 +348,7 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
     """
     kinds = [k for k, level in enumerate(hypothesis.levels) if level]
     without = hypothesis.with_levels_of(()).log_evidence
-    least = thresholds.least_evidence(len(kinds))
+    least = thresholds.evidence_of_one_in(len(kinds))
     if not kinds or hypothesis.log_evidence - without < least:
         return []
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}

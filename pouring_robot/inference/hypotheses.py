@@ -28,7 +28,7 @@ WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
 
 Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, are tolerances of 8 to 560 um, some four
 standard deviations wide. Larger ones are an effect (docs/inference.md, "Workmanship is a variance component")."""
-_LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
+_LIKELY_INDEX, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
@@ -92,7 +92,7 @@ class Hypothesis:
     @property
     def coarsely_made(self) -> bool:
         """Whether workmanship of some kind is larger than the likely one."""
-        return any(level > _LIKELY_LEVEL for level in self.levels)
+        return any(level > _LIKELY_INDEX for level in self.levels)
 
     def workmanship(self) -> list[tuple[Indices, FloatArray]]:
         """Return places and weights of workmanship."""
@@ -160,7 +160,7 @@ class Hypothesis:
     @property
     def _log_posterior(self) -> float:
         known = zip(self.levels, self._coarsest, strict=True)
-        steps = [(level - min(_LIKELY_LEVEL, most)) / _LEVEL_SPREAD for level, most in known if level]
+        steps = [(level - min(_LIKELY_INDEX, most)) / _LEVEL_SPREAD for level, most in known if level]
         prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
         return self.once("likelihood", lambda: self._beside_items.log_likelihood) + prior
 
@@ -398,7 +398,7 @@ def _neighbours(levels: tuple[int, ...], coarsest: tuple[int, ...]) -> list[tupl
     if not levels:
         return []
     most = np.array(coarsest)
-    alike = [np.zeros(len(levels), dtype=int), np.minimum(_LIKELY_LEVEL, most)]
+    alike = [np.zeros(len(levels), dtype=int), np.minimum(_LIKELY_INDEX, most)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
     found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
     return [tuple(new.tolist()) for new in found if new.min() >= 0 and (new <= most).all() and np.ptp(new) <= 1]

@@ -22,7 +22,7 @@ class SearchOptions:
     # sharing its probability, one over this rate is what an effect must be worth (docs/inference.md, "One number
     # decides").
     false_names: float = 0.01
-    # what it must be worth at least because so many effects are tried, in nats (:func:`by_chance`)
+    # what it must be worth at least because so many effects are tried, in nats (:func:`chance_level`)
     by_chance: float = 0.0
     most_effects: int = 5  # how many may be found
     branches: int = 3  # how many effects are tried in full at every step
@@ -52,7 +52,7 @@ _BEYOND_DOUBT = 200.0
 """Log evidence beyond which no workmanship takes the place of an item, in nats."""
 
 
-def by_chance(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
+def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
     """Return the log evidence that the best cause exceeds at a rate where none is at work, in nats.
 
     A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.

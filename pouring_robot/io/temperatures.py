@@ -1,4 +1,4 @@
-"""Temperatures: °C at the user's edge, K inside; the one temperature of the drawing, and what is no temperature."""
+"""Temperatures: °C in tables and models, K in heat balances; that of the drawing, and what is no temperature."""
 
 import math
 
@@ -13,6 +13,11 @@ HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
 HOTTEST_SURROUNDINGS_DEGC = 150.0
 """Hotter than any hall; 293, room temperature in K, lies beyond it."""
+
+
+def reference_degC(stated: float | None) -> float:  # noqa: N802 - units are spelt as everywhere
+    """Return at which temperature the drawing holds, in °C, where a file states one or none."""
+    return REFERENCE_DEGC if stated is None else stated
 
 
 def kelvin(value_degC: float, what: str = "temperature") -> float:

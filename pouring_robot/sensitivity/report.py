@@ -136,6 +136,8 @@ class SensitivityReport(Result):
             "robot": self.robot,
             "frame": self.frame,
             "poses": self.poses,
+            "seed": self.request.seed,
+            "box": ranges(self.request.box),  # where it is not the workspace's
             "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
             "limit_mm": self.request.limit_m / MM,
             "control": [dict(one) for one in self.controls],

@@ -7,7 +7,7 @@ from scipy.stats import binom
 from pouring_robot.inference.evidence import bayes_factor, evidences
 from pouring_robot.inference.explanations import Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
-from pouring_robot.inference.search import SearchOptions, by_chance
+from pouring_robot.inference.search import SearchOptions, chance_level
 from tests.inference.problems import ROWS, explanation, library, problem
 
 
@@ -31,7 +31,7 @@ def test_many_residuals_at_once_are_worth_what_each_is(rng):
 def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     """Dense covariance, one search of the best cause a residual: the share beyond must be the rate, within chance."""
     rate, draws = 0.1, 400
-    threshold = by_chance(null, rate, 4000)
+    threshold = chance_level(null, rate, 4000)
     background = WORKMANSHIP_LEVELS[3] * null.problem.workmanship[0].columns
     inverse = np.linalg.inv(np.eye(ROWS) + background @ background.T)
     beyond = 0
@@ -52,7 +52,7 @@ def test_columns_that_are_far_longer_than_others_make_no_chance(rng):
     effects, longest = library(rng, count=4), 1e9 * rng.normal(size=(ROWS, 3))
     long = explanation("long", longest @ rng.normal(size=(3, 8)))  # and of eight columns five are sums
     without, beside = (
-        by_chance(Hypothesis.nothing(problem(rng.normal(size=ROWS), items)), 0.01)
+        chance_level(Hypothesis.nothing(problem(rng.normal(size=ROWS), items)), 0.01)
         for items in (effects, [*effects, long])
     )
     # One effect more, with less room for chance than any: its scales end far above what such columns would need.
@@ -66,7 +66,7 @@ def test_columns_that_workmanship_takes_up_whole_make_no_chance(seed):
     usual = Workmanship("usual", 1e9 * rng.normal(size=(ROWS, 3)))
     same = explanation("same", usual.columns @ rng.normal(size=(3, 4)))
     built = problem(rng.normal(size=ROWS), [*library(rng, count=4), same], [usual])
-    assert 0.0 < by_chance(Hypothesis(built, (), (), (3,)), 0.01) < 5.0
+    assert 0.0 < chance_level(Hypothesis(built, (), (), (3,)), 0.01) < 5.0
 
 
 def test_the_larger_threshold_counts():

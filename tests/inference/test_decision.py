@@ -130,12 +130,12 @@ def cause(effect="a", evidence=100.0, size=1.0, alternatives=()):
 @pytest.mark.parametrize("tried", [1, 7, 200])
 def test_so_much_evidence_keeps_the_rate_of_false_answers(tried):
     """Of so many things tried, what is worth e^-L by chance is believed at most at the accepted rate (Markov)."""
-    assert tried * np.exp(-Thresholds().least_evidence(tried)) == pytest.approx(0.01)
-    assert tried * np.exp(-Thresholds(false_names=0.2).least_evidence(tried)) == pytest.approx(0.2)
+    assert tried * np.exp(-Thresholds().evidence_of_one_in(tried)) == pytest.approx(0.01)
+    assert tried * np.exp(-Thresholds(false_names=0.2).evidence_of_one_in(tried)) == pytest.approx(0.2)
 
 
 def test_nothing_tried_asks_for_as_much_as_one():
-    assert Thresholds().least_evidence(0) == Thresholds().least_evidence(1)
+    assert Thresholds().evidence_of_one_in(0) == Thresholds().evidence_of_one_in(1)
 
 
 def hidden(false_names):
@@ -159,7 +159,7 @@ def test_structure_counts_above_its_evidence_and_size():
     least = np.log(30 / 0.01)
     found = [structure(*f) for f in ((least, 9.0), (least + 1e-9, 0.3), (least + 1e-9, 0.3 + 1e-9), (99.0, 0.1))]
     judged = Judgement("unknown", (), tuple(found), (), tried=30)
-    assert judged.least_evidence == pytest.approx(least)
+    assert judged.structure_evidence == pytest.approx(least)
     assert judged.clear_structures == (found[2],)
 
 
@@ -186,7 +186,7 @@ def test_without_a_cause_structure_has_no_share_to_reach():
 
 
 def test_a_cause_is_beaten_by_more_than_the_evidence_asked_for():
-    least = Thresholds().least_evidence(5)
+    least = Thresholds().evidence_of_one_in(5)
     causes = (cause("a"), cause("b"), cause("c"))
     challenges = tuple(Challenge(process(), margin) for margin in (least, least + 1e-9, -3.0))
     judged = Judgement("named", causes, (), challenges, tried=5)
@@ -430,7 +430,7 @@ def told_as(noise, under, hypothesis, **given):
 
 
 def test_what_a_larger_noise_leaves_no_structure_of_scatters():
-    least, alone = Thresholds().least_evidence(1), fitted({0: SURE}, [explanation("a", axis(0))])
+    least, alone = Thresholds().evidence_of_one_in(1), fitted({0: SURE}, [explanation("a", axis(0))])
     for evidence, left, told in ((9.0, 4.0, True), (9.0, least + 1e-9, False), (least, 4.0, False)):
         judged = told_as((2.0, evidence), Left([structure(left, 0.1)]), alone)
         assert (judged.verdict, judged.scatters) == ("unknown", told)
@@ -449,7 +449,7 @@ def test_a_cause_is_one_under_the_larger_noise_too():
     """Three times as large it leaves of 20 and 8 noise standard deviations 6.7 and 2.7: 18 nats, and hardly one."""
     hypothesis = sized(8.0, SURE)
     judged = told_as((3.0, 99.0), Left(challenges={(0,): Challenge(process(), 9.0)}), hypothesis)
-    assert worth(SURE / 3.0) > Thresholds().least_evidence(1) > worth(8.0 / 3.0)
+    assert worth(SURE / 3.0) > Thresholds().evidence_of_one_in(1) > worth(8.0 / 3.0)
     assert (effects(judged), judged.minor) == (("large",), ("small",))
     assert [*judged.beaten] == ["large"]
 
@@ -471,7 +471,7 @@ def test_a_cause_that_a_process_beats_is_only_the_nearest():
 
 def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_in_its_place():
     """A hundred times as much at the usual rate, whatever beats it alone; not asked where nothing is unknown."""
-    least = Thresholds().least_evidence(1)
+    least = Thresholds().evidence_of_one_in(1)
     for lead, doubtful in ((least - 1e-9, ("large",)), (least, ())):
         judged = judge(sized(SURE, SURE), Left([structure(50.0, 99.0)], rest=(0.5,), leads={(0,): lead}))
         assert (judged.verdict, judged.doubtful) == ("unknown", doubtful)

@@ -180,10 +180,10 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
     every = diagnosis.parameters_of(effect)
-    together = diagnosis.in_words(effect)
-    if together:
-        known = diagnosis.diagnoser.library.effects[cause.effect]
-        return [*lines, *together, *known.to_read_with_care(diagnosis.rows.conditions)]
+    known = diagnosis.diagnoser.library.effects[cause.effect]
+    with_care = known.to_read_with_care(diagnosis.rows.conditions)
+    if together := diagnosis.in_words(effect):  # in the place of the parameters
+        return [*lines, *together, *with_care]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
     order = sorted(
         clear or every, key=lambda item: (not item[1].parameter.main, -abs(item[1].value) / max(item[1].std, 1e-300))
@@ -198,7 +198,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     if not clear:
         lines.append("what they do together is sure, no single value of them is")
     as_zeros = as_zeros_text((name for name, _ in shown), diagnosis.rows.conditions.causes.placements.tilts)
-    return [*lines, as_zeros] if as_zeros else lines
+    return [*lines, *with_care, *([as_zeros] if as_zeros else [])]
 
 
 def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:

@@ -28,7 +28,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.seeds import Stream, generator
-from pouring_robot.io.temperatures import REFERENCE_DEGC
+from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.causes import Thermometers
@@ -115,8 +115,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     within = np.arange(count) - np.searchsorted(block, block)
     later = after_h + within / 60.0
     last = 0.0 if campaign.time_s is None else float(np.nanmax(campaign.time_s))
-    reference = campaign.metadata.reference_temperature_degC
-    cold = REFERENCE_DEGC if reference is None else reference
+    cold = reference_degC(campaign.metadata.reference_temperature_degC)
     approach = random.choice([-1.0, 1.0], drives.shape)
     made: dict[str, FloatArray] = {
         "time": last + _HOUR_S * later,
