@@ -24,6 +24,7 @@ from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import (
     absent_sources,
     apart_lines,
+    effect_lines,
     form_text,
     gap_sentence,
     gap_table,
@@ -476,3 +477,14 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(tmp_path):
     assert found.headline.startswith(f"UNKNOWN: {said}")
     assert any(line.startswith("measure some poses three times") for line in next_lines(found))
     assert diagnosis_metrics(diagnose(data), "model.yaml")["noise_left"] is None
+
+
+def test_what_is_to_be_read_with_care_is_said_whether_or_not_parameters_say_anything_together(hot, monkeypatch):
+    (effect,) = hot.firm
+    known = type(hot.diagnoser.library.effects[effect.cause.effect])
+    monkeypatch.setattr(known, "to_read_with_care", lambda self, given: ("the sun shone",))
+    for together in ((), ("they grow alike",)):
+        monkeypatch.setattr(known, "in_words", lambda self, values, stds, said=together: said)
+        lines = effect_lines(hot, effect)
+        assert "the sun shone" in lines
+        assert [line for line in lines if line == "they grow alike"] == list(together)

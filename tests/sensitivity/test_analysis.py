@@ -127,6 +127,7 @@ def test_everything_is_written(pouring, tmp_path):
     assert pouring.headline in html.unescape(page) and page.count("<svg") == 4 and page.count("<tr>") == 101 + 33
     record = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert len(record["parameters"]) == 200 and record["poses"] == 300
+    assert (record["seed"], record["box"]) == (5, [])
     assert len(pouring.to_frame()) == 200
     table = {(row["chain"], row["transform"]): row for row in record["dh_table"]}
     assert len(table) == 32 and table[1, "34"]["joint"] == "leg1_s3" and table[4, "56"]["drops_out"] == ""
