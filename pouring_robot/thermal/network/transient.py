@@ -109,7 +109,7 @@ def integrate(
 
     report = np.append(times_s[times_s < span_s[1]], span_s[1])
     how = {"method": options.method, "rtol": options.relative_tolerance, "atol": options.absolute_tolerance_K}
-    with np.errstate(invalid="ignore"):  # BDF also takes differences of memory that it never reads
+    with np.errstate(over="ignore", invalid="ignore"):  # BDF also takes differences of memory that it never reads
         solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **how)
     if not solution.success:
         raise ThermalSolutionError(f"{options.method} gives up at {solution.t[-1]:g} s: {solution.message}")
