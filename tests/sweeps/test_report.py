@@ -12,6 +12,7 @@ import yaml
 
 from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
 from pouring_robot.sweeps.analysis.report import html_report, map_of, report
 from pouring_robot.sweeps.analysis.summary import Distances
@@ -110,6 +111,16 @@ def test_the_transfer_matrix_is_that_of_the_frame(make_plan, kind):
     found = transfer_matrices(plan, plan.poses)[:, :3]
     expected = np.moveaxis((near - far)[:, :, 0] / (2 * step), 0, -1)
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_the_transfer_matrix_of_a_model_is_taken_where_its_drives_really_stand(make_plan, tmp_path):
+    path = tmp_path / "off.yaml"
+    path.write_text(RobotModel(layout="paper").displaced({}, {"leg1_s3": 4e-3, "leg4_s5": 4e-3}).file_text(tmp_path))
+    plan = make_plan(study="one_at_a_time", samples=None, layout=None, model=str(path))
+    step = 1e-6
+    near, far = (plan.moved(s * step * np.eye(len(plan.names)), plan.poses).displacement for s in (1.0, -1.0))
+    expected = np.moveaxis((near - far)[:, :, 0] / (2 * step), 0, -1)
+    assert np.abs(transfer_matrices(plan, plan.poses)[:, :3] - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 def test_effects_that_depend_on_conditions_are_said_to_be_left_out(tmp_path, capsys):
