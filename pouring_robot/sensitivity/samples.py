@@ -97,7 +97,7 @@ def uniform_gap(values: FloatArray) -> float:
     middle = np.sort(values[(values >= low) & (values <= high)])
     if high - low < 1e-12:
         return 1.0
-    return float(np.abs((middle - low) / (high - low) - np.linspace(0.0, 1.0, len(middle))).max())
+    return float(np.abs((middle - low) / (high - low) - np.linspace(0.0, 1.0, len(middle))).max(initial=0.0))
 
 
 def median_place(values: FloatArray) -> float:

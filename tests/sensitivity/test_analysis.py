@@ -78,6 +78,11 @@ def test_another_robot(name):
     assert found.missed_m[0] < 0.05 * found.missed_m[1]
 
 
+def test_two_poses_are_enough():
+    rows = sensitivity(None, Request(poses=2)).rows
+    assert {row["spread"] for row in rows} <= {"constant", "even"}
+
+
 def test_wide_and_a_tool_frame():
     found = sensitivity(RobotModel(layout="wide"), Request(poses=20, frame="ladle_lip", parameters=("leg2_s5.ry",)))
     robot = PouringRobot(RobotModel(layout="wide"))
