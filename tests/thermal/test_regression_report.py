@@ -73,10 +73,12 @@ def test_the_file_says_what_the_line_says(measured, tmp_path):
     with pytest.raises(BadInputError, match="needs z"):
         model.displacement_m(1500.0, {"x": 0.0, "y": 0.0})
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    content["axes"]["x"]["coefficients"][0].pop()
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"axes.x: rows of coefficients need 1 or 4"):
-        ThermalModel.load(path)
+    offset = content["axes"]["x"]["coefficients"][0]
+    for wrong in (offset[:3], offset[:1]):
+        content["axes"]["x"]["coefficients"][0] = wrong
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        with pytest.raises(DescriptionError, match=r"axes.x: rows of coefficients need 1 or 4 numbers, both alike"):
+            ThermalModel.load(path)
 
 
 def test_a_table_that_says_no_direction(measured, tmp_path):

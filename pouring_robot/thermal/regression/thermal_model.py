@@ -141,8 +141,10 @@ class ThermalModel(StrictModel):
         if len(self.centre) != len(self.inputs):
             raise ValueError("centre needs one number for each of the inputs")
         for name, axis in self.axes.items():
-            if any(len(row) not in (1, 1 + len(self.inputs)) for row in axis.coefficients):
-                raise ValueError(f"axes.{name}: rows of coefficients need 1 or {1 + len(self.inputs)} numbers")
+            if {len(row) for row in axis.coefficients} not in ({1}, {1 + len(self.inputs)}):
+                raise ValueError(
+                    f"axes.{name}: rows of coefficients need 1 or {1 + len(self.inputs)} numbers, both alike"
+                )
         return self
 
     @classmethod
