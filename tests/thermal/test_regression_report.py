@@ -134,6 +134,9 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
         stream.write("\nB,3,10,0.5\n")
     with pytest.raises(TableError, match="set B stands more than once, in lines 2, 5; keep one"):
         read_positions(file, ("A", "B"))
+    file.write_text("set\nA\nB\n", encoding="utf-8")
+    with pytest.raises(TableError, match="no column says where the sets were measured; add x_mm"):
+        read_positions(file, ("A", "B"))
 
 
 def test_a_pose_beyond_those_of_the_sets_is_told(measured):

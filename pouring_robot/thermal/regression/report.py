@@ -258,6 +258,8 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         inputs.append(name)
         units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
+    if not columns:
+        raise table.heading_fault("no column says where the sets were measured; add x_mm, y_mm … or drives")
     values = np.column_stack(columns)[[labels.index(name) for name in names]]
     varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
     ranges = {name: (float(own.min()), float(own.max())) for name, own in zip(inputs, values.T, strict=True)}
