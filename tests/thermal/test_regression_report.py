@@ -121,6 +121,13 @@ def test_more_groups_than_sets_are_refused(measured):
     assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
 
 
+def test_inputs_that_follow_from_each_other_are_refused(measured):
+    table, places = measured
+    tied = np.column_stack([places.values, 0.3 - 2.0 * places.values[:, 2]])
+    with pytest.raises(TableError, match=": z, q1 of --poses follow from each other at all sets; leave one"):
+        regress(table, Positions((*places.names, "q1"), (*places.units, "rad"), tied))
+
+
 def test_positions_are_read_in_the_tables_order(tmp_path):
     file = tmp_path / "poses.csv"
     file.write_text("set,x_mm,tilt_deg,q1_rad\nB,2,10,0.5\nA,1,10,0.25\n", encoding="utf-8")

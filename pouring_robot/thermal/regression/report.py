@@ -32,6 +32,8 @@ from pouring_robot.thermal.regression.thermal_model import (
     ThermalModel,
 )
 
+_TIED = 1e-9  # of the poses' spread: rounding
+
 
 @dataclass(frozen=True, eq=False)
 class AxisRegression:
@@ -53,6 +55,8 @@ class AxisRegression:
             raise TableError(table.source, f"{count} sets make no {groups} groups; give --groups {count} or fewer")
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)
+        if positions is not None:
+            _refuse_tied(table.source, positions)
         lines = fit_lines(table, positions, **selector)
         # With a set left out there may be more groups than with all; those have no single set to stand for them.
         unseen = {name: left for name, left in judged.items() if name in lines}
@@ -208,6 +212,18 @@ def regress(
     return RegressionReport(
         table.source, positions, {a: AxisRegression.of(part, positions, method, selector) for a, part in parts.items()}
     )
+
+
+def _refuse_tied(source: str, positions: Positions) -> None:
+    """Raise a TableError where inputs follow from each other at all poses: many lines over them fit alike."""
+    varied = np.flatnonzero(np.ptp(positions.values, axis=0) > 0.0)
+    about = positions.values[:, varied] - positions.values[:, varied].mean(axis=0)
+    _, sizes, ways = np.linalg.svd(about / np.ptp(about, axis=0), full_matrices=False)
+    for way in ways[sizes < _TIED * sizes.max(initial=0.0)]:
+        tied = ", ".join(positions.names[k] for k in varied[np.abs(way) > _TIED])
+        raise TableError(
+            source, f"{tied} of --poses follow from each other at all sets; leave one of these columns out"
+        )
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
