@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from pouring_robot.calibration.findings import (
     SEEN,
     CalibrationFindings,
@@ -135,7 +137,7 @@ def ladle_line(calibration: CalibrationFindings) -> str:
         axes = "in the robot's own base, for the data hardly tell where device and target stand, "
     return (
         f"as far as what was kept explains the robot, {axes}the model knows each coordinate of {point} to "
-        f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
+        f"±{np.median(half):.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
         "measurement noise comes on top"
     )
 

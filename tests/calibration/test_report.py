@@ -18,6 +18,7 @@ from pouring_robot.calibration.report import (
     parameter_table,
     performance_line,
 )
+from pouring_robot.calibration.summary import calibration_metrics
 
 
 def test_the_headline_says_the_outcome(found, unchanged):
@@ -40,6 +41,13 @@ def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, requ
     assert "mrad RMS" in said
     assert " mm" not in said
     assert "nan" not in said
+
+
+def test_the_median_of_the_ladle_is_that_of_the_figures(found):
+    ladle = dataclasses.replace(found.ladle, position_m=found.ladle.position_m[:2], std_m=np.array([[1e-3], [3e-3]]))
+    few = dataclasses.replace(found, ladle=ladle)
+    median = calibration_metrics(few)["ladle"]["half_width95_mm"]["median"]
+    assert f"±{median:.3f} mm (95 %, median of 2 poses)" in ladle_line(few)
 
 
 def test_before_after_and_floor_in_mm_and_mrad(found):
