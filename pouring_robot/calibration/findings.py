@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance
+from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns
 from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
-from pouring_robot.estimation.instruments import NoiseLevel, are
+from pouring_robot.estimation.instruments import KINDS, NoiseLevel, are, kind_of
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
@@ -82,15 +82,23 @@ class CalibrationFindings(Result):
 
     @property
     def noise_floor(self) -> dict[str, float]:
-        """What noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
-        noise, factor = self.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
-        rotation = noise.rotation_rad if noise.turned else float("nan")
-        return {
-            "rms_mm": noise.length_m / MM,
-            "p95_mm": factor * noise.length_m / MM,
-            "rms_mrad": rotation / MRAD,
-            "p95_mrad": factor * rotation / MRAD,
-        }
+        """What noise alone would leave of all rows, as :meth:`floor`."""
+        return self.floor(np.arange(len(self.before)))
+
+    def floor(self, rows: Indices) -> dict[str, float]:
+        """Return what noise alone would leave of rows: RMS of a value, P95 of a length; NaN where nothing was measured.
+
+        In mm and mrad, of what their :meth:`misfit` is of.
+        """
+        seen = self.before[np.setdiff1d(rows, self.left_out)]
+        sigma = np.array([self.noise[KINDS[kind]].sigma for kind in kind_of(np.arange(seen.shape[1]))])
+        found = dict[str, float]()
+        for unit, si, columns in (("mm", MM, length_columns(seen)), ("mrad", MRAD, slice(3, 6))):
+            known = np.isfinite(seen[:, columns])
+            size = rms(np.broadcast_to(sigma[columns], known.shape)[known]) / si
+            values = round(known.sum() / max(int(known.any(axis=1).sum()), 1))  # that most rows have
+            found |= {f"rms_{unit}": size, f"p95_{unit}": math.sqrt(float(scipy.special.chdtri(values, 0.05))) * size}
+        return found
 
     @property
     def verdict(self) -> Literal["accepted", "unchanged", "refused"]:
@@ -104,7 +112,7 @@ class CalibrationFindings(Result):
         """The outcome in one sentence: held-out error before and after, and the noise."""
         test = np.setdiff1d(self.split.test, self.left_out)
         before, after = (vars(self.misfit(test, after=a)) for a in (False, True))
-        floor, units = self.noise_floor, [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
+        floor, units = self.floor(test), [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
         unseen = self.noise.unseen(np.flatnonzero(np.isfinite(self.before[test]).any(axis=0)))
         if not self.changed:
             what, key = "Nothing to calibrate", f"rms_{units[0]}"

@@ -22,7 +22,7 @@ class Misfit:
 
     rows: int
     rms_mm: float  # root mean square of a coordinate; where no place was measured, of a distance or closure
-    p95_mm: float  # length of the position error that 95 % of the rows keep; ``max_mm`` the largest
+    p95_mm: float  # length of what was measured of a row that 95 % of the rows keep; ``max_mm`` the largest
     max_mm: float
     rms_mrad: float  # root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise
     p95_mrad: float
@@ -35,7 +35,7 @@ class Misfit:
     def of(cls, difference: FloatArray) -> Misfit:
         """Take differences (n, K) in m and rad, NaN where missing."""
         position, turn, line = difference[:, :3] / MM, difference[:, 3:6] / MRAD, difference[:, 6:] / MM
-        length = position if np.isfinite(position).any() or not line.size else line
+        length = difference[:, length_columns(difference)] / MM
         return cls(
             int(np.isfinite(difference).any(axis=1).sum()),
             rms(length),
@@ -48,10 +48,21 @@ class Misfit:
         )
 
 
+def length_columns(difference: FloatArray) -> slice:
+    """Return which columns of differences (n, K) count as lengths: places, else distances and closures."""
+    placed = np.isfinite(difference[:, :3]).any() or difference.shape[1] <= 6
+    return slice(0, 3) if placed else slice(6, None)
+
+
+def row_lengths(vectors: FloatArray) -> FloatArray:
+    """Return the length of what was measured of each row (n, k), (n,), in its unit; NaN where nothing was."""
+    seen = np.isfinite(vectors)
+    return np.where(seen.any(axis=1), np.linalg.norm(np.where(seen, vectors, 0.0), axis=1), np.nan)
+
+
 def _largest(vectors: FloatArray) -> tuple[float, float]:
-    vectors = vectors[:, np.isfinite(vectors).any(axis=0)]
-    lengths = np.linalg.norm(vectors, axis=1)
-    lengths = lengths[np.isfinite(lengths)] if vectors.size else lengths[:0]
+    lengths = row_lengths(vectors)
+    lengths = lengths[np.isfinite(lengths)]
     return (float(np.quantile(lengths, 0.95)), float(lengths.max())) if lengths.size else (float("nan"), float("nan"))
 
 

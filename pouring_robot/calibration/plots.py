@@ -3,6 +3,7 @@
 import numpy as np
 
 from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
+from pouring_robot.calibration.metrics import length_columns, row_lengths
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -29,22 +30,25 @@ def _residuals(calibration: CalibrationFindings) -> str:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure = new_figure(10.0, 5.6)
-    parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.length_m)]
+    floor, columns = calibration.noise_floor, length_columns(calibration.before)
+    parts = [(f"{calibration.noise.length_kind} error [mm]", columns, MM, floor["rms_mm"])]
     if calibration.noise.turned:
-        parts.append(("rotation error [mrad]", slice(3, 6), MRAD, calibration.noise.rotation_rad))
+        parts.append(("rotation error [mrad]", slice(3, 6), MRAD, floor["rms_mrad"]))
     kept = np.setdiff1d(np.arange(len(calibration.before)), calibration.left_out)
-    for axes, (label, columns, unit, sigma) in zip(
+    for axes, (label, columns, unit, noise) in zip(
         np.atleast_1d(figure.subplots(len(parts), 1, sharex=True)), parts, strict=True
     ):
         for values, colour, name in ((calibration.before, BEFORE, "before"), (calibration.after, AFTER, "after")):
-            length = np.linalg.norm(values[kept, columns], axis=1) / unit
+            length = row_lengths(values[kept, columns]) / unit
             (dots,) = axes.semilogy(kept, np.maximum(length, 1e-6), ".", color=colour, markersize=4, label=name)
             lines = calibration.campaign.lines[kept][np.isfinite(length)]
             found = zip(lines, length[np.isfinite(length)], strict=True)
             tell(dots, [f"line {line}: {value:.4f} {label.split()[-1].strip('[]')} {name}" for line, value in found])
         for row in calibration.split.test:
             axes.axvspan(row - 0.5, row + 0.5, color=HELD_OUT, alpha=0.12, linewidth=0)
-        axes.axhline(np.sqrt(3.0) * sigma / unit, color=GREY, linestyle="--", label="noise")
+        seen = np.isfinite(calibration.before[kept, columns])
+        values_of_a_row = seen.sum() / max(seen.any(axis=1).sum(), 1)
+        axes.axhline(np.sqrt(values_of_a_row) * noise, color=GREY, linestyle="--", label="noise")
         axes.set_ylabel(label)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())

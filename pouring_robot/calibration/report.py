@@ -47,13 +47,17 @@ def gap_table(calibration: CalibrationFindings) -> Table:
         for label, after in (("before", False), ("after", True)):
             misfit = calibration.misfit(part, after=after)
             rows.append((name, label, *_cells(dataclasses.asdict(misfit)), str(misfit.rows)))
-    rows.append(("noise", "floor", *_cells(calibration.noise_floor), "–"))
+    floors = {
+        _cells(calibration.floor(part)): name for name, part in (("held out", split.test), ("fitted", split.train))
+    }
+    # Rows held out may hold other things than those fitted, lines alone beside places: each then has its own.
+    rows += [("noise", "floor" if len(floors) == 1 else name, *cells, "–") for cells, name in floors.items()]
     return Table(("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count"), rows)
 
 
-def _cells(figures: Mapping[str, float]) -> Row:
+def _cells(figures: Mapping[str, float]) -> tuple[str, ...]:
     names = ("rms_mm", "p95_mm", "max_mm", "rms_mrad", "p95_mrad", "max_mrad")
-    return [_number(figures.get(name, math.nan)) for name in names]
+    return tuple(_number(figures.get(name, math.nan)) for name in names)
 
 
 def _number(value: float) -> str:

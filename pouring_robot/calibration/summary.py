@@ -178,7 +178,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             name: {
                 "before": dataclasses.asdict(calibration.misfit(rows, after=False)),
                 "after": dataclasses.asdict(calibration.misfit(rows, after=True)),
-                "floor": calibration.noise_floor,
+                "floor": calibration.floor(rows),
             }
             for name, rows in (("train", split.train), ("held_out", split.test))
         },

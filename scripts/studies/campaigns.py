@@ -94,7 +94,7 @@ def run_case(folder: Path) -> Case:
     except PouringRobotError as error:
         return Case(folder.name, _kind(truth), refused=str(error), seconds=time.perf_counter() - began)
     before, after = (found.misfit(found.split.test, after=a) for a in (False, True))
-    floor = found.noise_floor
+    floor = found.floor(found.split.test)
     return Case(
         folder.name,
         _kind(truth),

@@ -22,6 +22,15 @@ def test_misfit_by_hand():
     assert np.isnan(Misfit.of(np.full((2, 6), np.nan)).rms_mm)
 
 
+def test_the_largest_error_is_none_of_the_rows_measured_whole_alone():
+    difference = np.full((3, 6), np.nan)
+    difference[0, :3] = 0.1e-3
+    difference[1:, :2] = [[3e-3, 4e-3], [6e-3, 8e-3]]  # two coordinates of the three
+    found = Misfit.of(difference)
+    assert found.max_mm == pytest.approx(10.0)
+    assert found.rms_mm <= found.max_mm
+
+
 def test_accuracy_and_repeatability_by_hand():
     # Three repeats 1 mm from their mean, which is 2 mm off along x; a pair is too few.
     before = np.zeros((5, 6))

@@ -1,10 +1,13 @@
 """Pictures: they show something, for a changed robot and for one left alone."""
 
+import dataclasses
 from xml.etree import ElementTree
 
 import matplotlib as mpl
+import numpy as np
 
 from pouring_robot.calibration.plots import plots
+from pouring_robot.estimation.instruments import Noise, NoiseLevel
 
 
 def marks(svg):
@@ -18,6 +21,15 @@ def test_four_pictures_of_a_calibrated_robot(found):
     drawn = plots(found)
     assert [title.split(" ")[0] for title, _ in drawn] == ["Error", "Parameters", "How", "Correlation"]
     assert all(marks(svg) > 30 for _, svg in drawn)
+
+
+def test_errors_of_lines_alone_are_drawn(found):
+    noise, lines = NoiseLevel({"distance": Noise(1e-4, "stated")}), np.full((len(found.before), 7), np.nan)
+    lines[:, 6] = 1e-3
+    title, svg = plots(dataclasses.replace(found, noise=noise, before=lines, after=lines))[0]
+    assert "row" in title
+    assert f"line {found.campaign.lines[0]}: 1.0000 mm before" in svg
+    assert "distance error [mm]" in svg
 
 
 def test_the_style_of_the_users_own_plots_is_not_in_them(unchanged):

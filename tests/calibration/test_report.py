@@ -19,6 +19,8 @@ from pouring_robot.calibration.report import (
     performance_line,
 )
 from pouring_robot.calibration.summary import calibration_metrics
+from pouring_robot.estimation.instruments import Noise, NoiseLevel
+from pouring_robot.mechanism.arrays import Z95
 
 
 def test_the_headline_says_the_outcome(found, unchanged):
@@ -41,6 +43,22 @@ def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, requ
     assert "mrad RMS" in said
     assert " mm" not in said
     assert "nan" not in said
+
+
+def test_the_floor_is_the_noise_of_what_was_measured_in_the_rows(found):
+    """Rows held out with lines alone beside places in those fitted: each is held against its own noise."""
+    noise = NoiseLevel({"position": Noise(1e-4, "stated"), "distance": Noise(7e-4, "stated")})
+    before = np.full((len(found.before), 7), np.nan)
+    before[found.split.train, :2], before[found.split.test, 6] = 1e-3, 1e-3
+    mixed = dataclasses.replace(found, noise=noise, before=before, after=before)
+    line, place = (mixed.floor(rows) for rows in (found.split.test, found.split.train))
+    assert (line["rms_mm"], line["p95_mm"]) == pytest.approx((0.7, 0.7 * Z95))
+    assert (place["rms_mm"], place["p95_mm"]) == pytest.approx((0.1, 0.1 * np.sqrt(-2.0 * np.log(0.05))))
+    assert "noise floor 0.700 mm" in mixed.headline
+    assert [row[:3] for row in gap_table(mixed).rows[4:]] == [
+        ("noise", "held out", "0.7000"),
+        ("noise", "fitted", "0.1000"),
+    ]
 
 
 def test_the_median_of_the_ladle_is_that_of_the_figures(found):
