@@ -11,7 +11,7 @@ from statsmodels.stats.multitest import multipletests
 
 from pouring_robot.diagnosis.unknown import _of_one_condition
 from pouring_robot.diagnosis.where.misfit import overall
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import FreeResiduals, size_text
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
@@ -297,3 +297,11 @@ def test_noise_from_few_repeats_is_trusted_less():
     assert estimated > 0.05
     squares = data.excess(50.0, 30.0)
     assert squares == pytest.approx(scipy.stats.chi2.sf(50.0, 30.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("size", "shown"),
+    [(16.83e-3, "16.8 mm"), (0.56e-3, "0.56 mm"), (4.8e-5, "0.048 mm"), (4.7e-7, "0.00047 mm"), (0.0, "0.000 mm")],
+)
+def test_a_size_is_never_shown_as_nothing(size, shown):
+    assert size_text(size) == shown

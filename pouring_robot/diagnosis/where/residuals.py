@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -88,5 +89,5 @@ def size_text(size: float, turning: bool = False) -> str:
     """Return a size in m or rad as mm or mrad, two figures."""
     unit, si = shown_in("rad" if turning else "m")
     value = size / si
-    digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 1.0 else 1
+    digits = min(max(1 - math.floor(math.log10(abs(value))), 1), 6) if abs(value) > 0.0 else 3
     return f"{value:.{digits}f} {unit}"
