@@ -411,6 +411,14 @@ def test_a_browser_draws_the_page(page, tmp_path):
 
 
 @needs_browser
+def test_a_page_says_the_factor_that_the_picture_says(tmp_path):
+    scene = small_scene(tmp_path, exaggeration=125.0)
+    _, dom = _browsed(write_html(scene, tmp_path / "scene.html").read_text(), tmp_path)
+    said = re.search(r'id="scale">(.*?)</output>', dom).group(1)
+    assert (said, exaggeration_text(scene)) == ("errors drawn 125 × larger", "errors drawn 125 × larger than they are")
+
+
+@needs_browser
 def test_a_browser_puts_bodies_where_the_solver_has_them(tmp_path):
     scene = film(tmp_path)
     page = write_html(scene, tmp_path / "film.html").read_text()
