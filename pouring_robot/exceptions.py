@@ -33,6 +33,11 @@ def some(names: Sequence[str], most: int, between: str = ", ") -> str:
     return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
+def counted(count: int, one: str) -> str:
+    """Return ``1 row`` or ``7 rows``: a number of things, by what one of them is called."""
+    return f"{count} {one}{'' if count == 1 else 's'}"
+
+
 class ExitCode(enum.IntEnum):
     """What the command line ends with."""
 

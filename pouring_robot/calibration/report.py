@@ -25,7 +25,7 @@ from pouring_robot.calibration.summary import (
     warnings_of,
     warnings_of_the_model,
 )
-from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.exceptions import DescriptionError, OutputError, counted
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM
@@ -162,7 +162,7 @@ def split_line(calibration: CalibrationFindings) -> str:
     split = calibration.split
     return (
         f"held out: {split.test_name} ({split.test.size} rows), for the final figures and a last yes or no; fitted: "
-        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {calibration.left_out.size} rows"
+        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {counted(calibration.left_out.size, 'row')}"
     )
 
 

@@ -21,7 +21,7 @@ from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
-from pouring_robot.exceptions import some
+from pouring_robot.exceptions import counted, some
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.location_figures import without_nan
@@ -66,7 +66,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             "deviations, so intervals are rough"
         )
     if failed := calibration.fit.equations.failed.size:
-        found.append(f"{failed} rows have drives that no pose of the robot has; left out")
+        found.append(f"no pose of the robot has the drives of {counted(failed, 'row')}; left out")
     return [*found, *_worse(calibration)]
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.exceptions import counted
 
 Limits = tuple[float, float] | None
 OutFolder = Annotated[
@@ -73,6 +74,6 @@ def sensitivity(
     for line in controls[:_PARTS_SHOWN]:
         options.print_indented(line)
     if len(controls) > _PARTS_SHOWN:
-        options.say(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
+        options.say(f"  … and {counted(len(controls) - _PARTS_SHOWN, 'more part')} (--out DIR, --json)")
     options.say(report.missed_line(found))
     options.print_written(written)

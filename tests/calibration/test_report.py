@@ -17,6 +17,7 @@ from pouring_robot.calibration.report import (
     ladle_line,
     parameter_table,
     performance_line,
+    split_line,
 )
 from pouring_robot.calibration.summary import calibration_metrics
 from pouring_robot.estimation.instruments import Noise, NoiseLevel
@@ -59,6 +60,12 @@ def test_the_floor_is_the_noise_of_what_was_measured_in_the_rows(found):
         ("noise", "held out", "0.7000"),
         ("noise", "fitted", "0.1000"),
     ]
+
+
+def test_one_row_is_no_rows(found):
+    for left_out, said in (([], "0 rows"), ([3], "1 row"), ([3, 4], "2 rows")):
+        line = split_line(dataclasses.replace(found, left_out=np.array(left_out, dtype=np.intp)))
+        assert line.endswith(f"left out: {said}")
 
 
 def test_the_median_of_the_ladle_is_that_of_the_figures(found):

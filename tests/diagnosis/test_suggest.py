@@ -208,7 +208,7 @@ def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path
 
 @pytest.mark.parametrize(
     ("now", "more", "says"),
-    [(48.0, 0.9, "no measurement is needed"), (48.0, 3.5, "1 measurements to"), (2.0, 0.9, "1 measurements to")],
+    [(48.0, 0.9, "no measurement is needed"), (48.0, 3.5, "1 measurement to"), (2.0, 0.9, "1 measurement to")],
 )
 def test_measurements_that_add_nothing_to_what_is_known_are_not_listed(hot, monkeypatch, now, more, says):
     """By the odds that the line itself gives for a yardstick: 3 nats."""
@@ -220,7 +220,7 @@ def test_measurements_that_add_nothing_to_what_is_known_are_not_listed(hot, monk
     (line, *listed) = next_lines(hot)
     assert line.startswith(says) and f" {more}" in line
     assert bool(listed) == says.startswith("1")
-    assert f"{now:.0f} nats apart or more" in line or listed
+    assert f"{now:.0f} nats apart or more, and 1 measurement would" in line or listed
 
 
 def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_path):

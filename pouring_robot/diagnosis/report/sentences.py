@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.estimation.instruments import Kind, component_name, unit_of
-from pouring_robot.exceptions import some
+from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
@@ -364,14 +364,14 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     odds = f"({LITTLE_NATS:g} nats: odds of 20)"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
         return [
-            f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and {len(best)} "
-            f"measurements would add {gain:.1f} {odds}"
+            f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and "
+            f"{counted(len(best), 'measurement')} would add {gain:.1f} {odds}"
         ]
     if not suggestion.tells:
         return [f"none of the measurements that were tried would tell {told}"]
     by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
     lines = [
-        f"{len(best)} measurements to tell {told}: {_nats_text(gain)} expected, "
+        f"{counted(len(best), 'measurement')} to tell {told}: {_nats_text(gain)} expected, "
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {m.words}" for m in best[:_SHOWN_MEASUREMENTS]]

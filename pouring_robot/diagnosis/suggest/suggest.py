@@ -16,7 +16,7 @@ from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import LOAD, Conditions
 from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
@@ -217,7 +217,7 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
     if together < LITTLE_NATS:
         advice = (
             *advice,
-            f"{len(measurements)} more measurements like these would tell little more: {together:.1f} nats",
+            f"{counted(len(measurements), 'more measurement')} like these would tell little more: {together:.1f} nats",
         )
     return Suggestion(tuple(measurements), separations, together, total(by_chance), advice=advice, seed=seed)
 
