@@ -1,5 +1,6 @@
 """Named effects and their parameters: values and standard deviations."""
 
+import math
 from dataclasses import dataclass
 
 from pouring_robot.effects.base import EffectParameter
@@ -19,6 +20,12 @@ FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
 """Parameters by effect and form."""
 
 
+def sure_text(probability: float) -> str:
+    """Return a probability in percent."""
+    # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
+    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class NamedEffect:
     """A named effect with its parameters."""
@@ -29,4 +36,4 @@ class NamedEffect:
 
     def __repr__(self) -> str:
         """Return its id, its form and how sure it is: its parameters hold a number for each row."""
-        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {self.cause.probability:.0%} sure>"
+        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {sure_text(self.cause.probability)}>"

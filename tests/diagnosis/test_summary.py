@@ -359,6 +359,8 @@ def test_what_each_row_leaves_over_makes_the_gap(hot):
         assert float(np.sqrt((table**2).mean())) == pytest.approx(hot.held_out.position(which), rel=1e-9)
     assert np.isnan(found.residual_after.where(found.used == "left out", drop=True)).all()
     assert repr(effect).startswith(f"<NamedEffect: leg_thermal_expansion, {effect.cause.form}, ")
+    sure = replace(effect, cause=replace(effect.cause, probability=0.9986))
+    assert repr(sure).endswith(", 99 % sure>")
     assert len(repr(effect.parameters[0])) < 300
 
 

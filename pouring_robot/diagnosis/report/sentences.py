@@ -10,7 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import FEWEST_VALUES, Gap, share_closed
-from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
+from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.base import value_and_half_width
@@ -33,12 +33,6 @@ _GAP = 1.2
 def plain(name: str) -> str:
     """Return an id as words."""
     return name.replace("_", " ")
-
-
-def sure_text(probability: float) -> str:
-    """Return a probability in percent."""
-    # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
-    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
 
 
 def headline(diagnosis: Conclusions) -> str:
