@@ -11,7 +11,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
 
-_COMPARED, _SHOWN, _NAMED = 25, 25, 8
+_COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 Frame = tuple[float, float, float, float, float, float]
 
@@ -157,7 +157,7 @@ def check(
 
 
 def _print_summary(figures: dict[str, Any]) -> None:
-    sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
+    sessions = some([f"{name} ({rows})" for name, rows in figures["sessions"].items()], _SESSIONS)
     options.say(
         f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
         f"{figures['distinct_poses']} distinct poses"

@@ -2,6 +2,7 @@
 
 import json
 
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -32,6 +33,16 @@ def test_simulate_and_check(tmp_path, capsys):
     assert figures["outlier_rows"] == hidden["outliers"]
     assert figures["rows"] == 40
     assert figures["ranges"]["q1"]["unit"] == "mm"
+
+
+def test_sessions_that_are_not_listed_are_counted(tmp_path, capsys):
+    assert simulate(tmp_path) == 0
+    path = tmp_path / "c.csv"
+    table = pd.read_csv(path).assign(session=[f"s{row // 2}" for row in range(40)])
+    table.to_csv(path, index=False)
+    capsys.readouterr()
+    assert main(["campaign", "check", str(path)]) == 0
+    assert "s11 (2) and 8 more " in " ".join(capsys.readouterr().out.split())
 
 
 def test_says_what_is_undone_and_how_many_rows_are_used(tmp_path, capsys):
