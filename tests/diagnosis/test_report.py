@@ -186,6 +186,17 @@ def test_a_model_given_is_a_state_of_its_own(hot):
     assert quiet.exaggeration * np.linalg.norm(quiet.arrows[0].vectors_m) < 0.03
 
 
+def test_a_row_without_a_rotation_says_whose_it_is_drawn_with(hot):
+    turned = hot.campaign.rotation_vector_rad.copy()
+    turned[::2] = np.nan
+    mixed = replace(hot.campaign, rotation_vector_rad=turned)
+    captions = [dict(step.caption) for step in campaign_scene(mixed, hot.amended).steps]
+    lines = dict(zip(mixed.lines.tolist(), np.isnan(turned).any(axis=1), strict=True))
+    without = [lines[int(next(iter(told.values())).split()[1])] for told in captions]
+    assert [told.get("measured", "").startswith("rotations are the model's") for told in captions] == without
+    assert any(without) and not all(without)
+
+
 def test_turning_residuals_into_the_fixed_platform_keeps_their_length():
     table = np.random.default_rng(0).normal(size=(4, 6))
     axes = pin.exp3(np.array([0.2, -0.4, 1.0]))

@@ -234,6 +234,6 @@ def _caption(
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
     off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
     more = [("noise of a coordinate", f"{noise / MM:.3g} mm")] if noise else []
-    if not campaign.full_pose:
+    if not np.isfinite(against.measured.rotation[row]).all():
         more.append(("measured", "rotations are the model's: only positions were measured"))
     return (where, *off, *more)
