@@ -14,7 +14,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.report import html_report, map_of, report
+from pouring_robot.sweeps.analysis.report import html_report, map_of, report, share_text
 from pouring_robot.sweeps.analysis.summary import Distances
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import LEARNED, ROOT
@@ -235,3 +235,8 @@ def test_the_script_runs_and_the_example_file_is_sound(tmp_path, capsys, monkeyp
     runpy.run_path(str(ROOT / "scripts" / "error_sweep.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert printed.count("at most") == 10 and "sweep.png" in printed
+
+
+@pytest.mark.parametrize(("share", "said"), [(1.0, "100.00%"), (26999 / 27000, "99.99%"), (0.99726, "99.73%")])
+def test_nearly_all_are_not_all(share, said):
+    assert share_text(share) == said

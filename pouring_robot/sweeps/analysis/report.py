@@ -52,7 +52,8 @@ class SweepReport(Result):
         return (
             f"{figures['frame']} is {self.store.plan.off} by at most {figures['largest_mm']:.3f} mm at "
             f"{figures['poses']} poses{of}, "
-            f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
+            f"{share_text(figures['share_within'])} within {figures['accuracy_mm']:g} mm; "
+            f"{self.ranking[0].name} matters most"
         )
 
     def _table(self) -> Any:
@@ -118,8 +119,8 @@ def summary_lines(found: SweepReport) -> list[str]:
     plan, figures = found.store.plan, found.summary.figures()
     lines = [
         _first_line(found),
-        f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
-        f"{figures['share_of_robots_within_everywhere']:.2%} of the {_robots(plan)} at every pose",
+        f"within {figures['accuracy_mm']:g} mm: {share_text(figures['share_within'])} of all, "
+        f"{share_text(figures['share_of_robots_within_everywhere'])} of the {_robots(plan)} at every pose",
     ]
     if plan.config.model is not None:
         own = "closes at none of these poses without further errors either"
@@ -149,6 +150,11 @@ def _first_line(found: SweepReport) -> str:
     return f"{study}: {summary.frame} is {plan.off} by up to {quantiles} of {of} {largest}"
 
 
+def share_text(share: float) -> str:
+    """Return a share in percent; only all of them are 100 %."""
+    return f"{share if share == 1.0 else min(share, 0.9999):.2%}"
+
+
 def _robots(plan: SweepPlan) -> str:
     return "errors alone" if plan.config.study == "one_at_a_time" else "robots"
 
@@ -170,7 +176,7 @@ def allocation_line(found: AllocatedTolerances) -> str:
     return (
         f"loosest tolerances that keep {figures['requirement_mm']:g} mm for {figures['wanted_share']:.2%} of the "
         f"robots at every pose; {checked['robots']} of them closed exactly at the {checked['poses']} hardest poses: "
-        f"{checked['share_within']:.2%} within, {checked['share_at_worst_pose']:.2%} at the worst pose"
+        f"{share_text(checked['share_within'])} within, {share_text(checked['share_at_worst_pose'])} at the worst pose"
     )
 
 
