@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
 from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -93,10 +94,11 @@ def compensate_path(
     whose position shall be right; by default the moving platform. ``threads`` share the temperatures.
 
     Raises:
-        BadInputError: the poses have another shape, or the robot carries loads.
+        BadInputError: the poses have another shape, the robot carries loads, or is not given as a HeatedRobot.
         UnknownFrameError: there is no such frame.
         ThermalSolutionError: no temperatures are found.
     """
+    expect(heated, HeatedRobot, "a path is of a HeatedRobot, HeatedRobot(robot) of a cold one")
     wanted = as_poses(poses)
     return PathSearch(heated, wanted, frame, strains_along(heated, wanted, threads, show)).run()
 

@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from pouring_robot.compensation.near_singular import bring_to
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
+from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -326,9 +327,11 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     ``frame``: that shall be there; by default the one whose error counts.
 
     Raises:
+        BadInputError: it is no location.
         UnknownFrameError: there is no such frame.
         NoSolutionError: a joint would pass its limits, or the loops do not close on the way.
     """
+    expect(wanted, Location, "what is wanted is a Location, as robot.location_at(drives) returns")
     frame = frame or wanted.loops.working_frame
     nominal, actual = wanted.poses(frame)
     found, singular = bring_to(robot, wanted, Target(nominal.translation, nominal.rotation, frame))

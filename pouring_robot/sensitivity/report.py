@@ -122,8 +122,8 @@ class SensitivityReport(Result):
         over = sum(len(control["errors"]) for control in self.controls)
         return (
             f"{self.robot}, {self.poses} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
-            f"than {self.request.limit_m / MM:g} mm; {first['parameter']} most, {first['largest_mm']:.3f} mm in "
-            f"{first['main_direction']}"
+            f"than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
+            f"{first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
         )
 
     def _table(self) -> Any:

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.compensation.pose import compensate_drives, drive_notes, drives_csv
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import ROBOTS, commands, crooked
@@ -66,3 +67,9 @@ def test_the_drawing_needs_none():
     found = compensate_drives(robot, wanted)
     assert found.drives == pytest.approx(wanted.drives, abs=1e-10)
     assert "without compensation" in found.headline
+
+
+def test_what_is_no_location_is_refused():
+    robot = Robot.load("examples/robots/delta/robot.yaml")
+    with pytest.raises(BadInputError, match=r"a Location, as robot.location_at\(drives\) returns, not a list"):
+        compensate_drives(robot, [0.2, 0.1, 0.0])

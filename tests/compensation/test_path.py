@@ -127,3 +127,8 @@ def test_what_cannot_be_done_in_a_batch_is_refused(robot):
         compensate_path(HeatedRobot(robot), WANTED[:, :3])
     with pytest.raises(BadInputError, match="under loads"):
         compensate_path(HeatedRobot(PouringRobot(robot.model, Loads(gravity=True))), WANTED)
+
+
+def test_a_robot_that_is_not_a_heated_one_is_refused(drawing):
+    with pytest.raises(BadInputError, match=r"HeatedRobot\(robot\) of a cold one, not a PouringRobot"):
+        compensate_path(drawing, [[0.0, 0.0, -0.6, 0.0]])
