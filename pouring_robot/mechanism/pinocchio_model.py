@@ -77,6 +77,8 @@ def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
             here = slice(own.idx_q, own.idx_q + own.nq)
             made.lowerPositionLimit[here] = model.lowerPositionLimit[old]
             made.upperPositionLimit[here] = model.upperPositionLimit[old]
+            said = model.upperEffortLimit[joint.idx_v : joint.idx_v + joint.nv]
+            made.upperEffortLimit[own.idx_v : own.idx_v + own.nv] = said
     for frame in list(model.frames)[1:]:
         made.addFrame(frame, False)
     return made
