@@ -43,6 +43,19 @@ def test_what_the_drive_determines_is_given_and_what_spins_is_refused():
         closed_chain_transfer(solver, result, drive_parameters(mechanism), "rod")
 
 
+@pytest.mark.parametrize("stroke", np.linspace(0.4, 1.0, 13))
+def test_a_rod_that_spins_about_an_axis_of_its_ball_itself_is_no_singular_pose(stroke):
+    """How that axis moves the loop is round-off, of either sign."""
+    mechanism = strut()
+    (grip,) = mechanism.loops.loops
+    point = mechanism.loops.model_copy(update={"loops": (grip.model_copy(update={"type": "3d"}),)})
+    solver = ClosureSolver(ClosedChainMechanism(mechanism.urdf, point))
+    result = solver.solve({"stroke": stroke}, start_of(mechanism, 0.7))
+    transfer = closed_chain_transfer(solver, result, drive_parameters(mechanism))
+    slope = central_differences_of(crank_end, stroke)
+    np.testing.assert_allclose(transfer.matrix[[0, 2], 0], slope, rtol=0, atol=1e-6)
+
+
 def test_which_frame_is_observed_must_be_said_somewhere():
     mechanism = strut()
     unsaid = ClosedChainMechanism(mechanism.urdf, mechanism.loops.model_copy(update={"end_frame": None}))

@@ -16,7 +16,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 # Eigenvalues of a Hessian scaled to a unit diagonal that are a smaller share of the largest are round-off of zero.
 SINGULAR_RATIO = 1e-13
 # A diagonal entry that is a smaller share of the largest is round-off of zero: such a joint moves no loop.
-_NO_STIFFNESS = 1e-20
+_NO_STIFFNESS = 1e-16
 
 
 def unit_scale(matrix: FloatArray) -> FloatArray:
