@@ -30,13 +30,13 @@ class RowChanges:
         shapes = ((rows, len(drives)), (rows, 6 * structure.site_count), (rows, 6), (rows,))
         total = cls(*(np.zeros(shape) for shape in shapes))
         for name, change in local.items():
-            kind, _, rest = name.partition(".")
+            kind, _, rest = name.rpartition(".")  # a joint may have dots in its name, or be called 'drive'
             if name == SCALE:
                 total.scale[:] += change
             elif kind == "base":
                 total.base[:, COMPONENTS.index(rest)] += change
-            elif kind == "drive":
-                total.drives[:, drives.index(rest)] += change
+            elif name.startswith("drive.") and (drive := name.removeprefix("drive.")) in drives:
+                total.drives[:, drives.index(drive)] += change
             else:
                 total.placements[:, 6 * structure.site(kind) + COMPONENTS.index(rest)] += change
         return total

@@ -147,7 +147,9 @@ class MeasurementModel:
         self.names, self.units = tuple(p.name for p in unknowns), tuple(p.unit for p in unknowns)
         twice = {name for name in self.names if self.names.count(name) > 1}
         if twice:
-            raise BadInputError(f"parameter '{min(twice)}' stands twice; name each parameter once")
+            of_frames = twice & {p.name for p in FRAME_PARAMETERS}
+            mend = "the joint is called as an outer frame is, rename it in the URDF" if of_frames else "name each once"
+            raise BadInputError(f"parameter '{min(of_frames or twice)}' stands twice; {mend}")
         drives = structure.mechanism.loops.drives
         self._sites = np.full(len(self.parameters), -1)
         self._twists = np.zeros((structure.site_count, 6, len(self.parameters)))

@@ -4,14 +4,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.batch import engine_for
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from tests.estimation.virtual import INNER, OUTER, TRUE_FRAMES, Virtual, measured_poses, model_of, reference_poses
-from tests.support import crooked_model
+from tests.support import arm, arm_urdf, crooked_model
 
 
 @pytest.fixture(params=["drawing", "crooked"])
@@ -99,11 +101,27 @@ def test_rows_can_be_chosen(drawing):
         np.testing.assert_array_equal(virtual.rows[rows].predict(virtual.unknowns).position_m, whole[rows])
 
 
+@pytest.mark.parametrize("name", ["drive", "metrology", "leg.2"])
+def test_what_changes_in_a_joint_is_found_whatever_the_joint_is_called(name):
+    mechanism = ClosedChainMechanism(
+        arm_urdf().replace('joint name="elbow"', f'joint name="{name}"'),
+        arm().loops.model_copy(update={"drives": ("waist", "shoulder", name, "roll", "pitch", "flange_turn")}),
+    )
+    structure = engine_for(mechanism).structure
+    change = np.array([1e-3, 2e-3])
+    found = RowChanges.of({f"drive.{name}": change, f"{name}.tx": 2 * change}, structure, 2)
+    np.testing.assert_array_equal(found.drives[:, 2], change)
+    np.testing.assert_array_equal(found.placements[:, 6 * structure.site(name)], 2 * change)
+    assert np.count_nonzero(found.drives) + np.count_nonzero(found.placements) == 4
+
+
 def test_wrong_parameters_and_shapes_are_refused(drawing):
     model = model_of(drawing, "drives")
     twist = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(BadInputError, match="stands twice"):
         model.with_parameters([DriveParameter("leg1_s3", "m")] * 2)
+    with pytest.raises(BadInputError, match=r"'tool\.tx' stands twice; the joint is called as an outer frame is"):
+        model.with_parameters([PlacementParameter("tool.tx", "m", "leg1_s1", twist)])
     with pytest.raises(UnknownJointError):
         model.with_parameters([PlacementParameter("x", "m", "leg9_s1", twist)])
     with pytest.raises(BadInputError, match="no placement or drive parameter"):
