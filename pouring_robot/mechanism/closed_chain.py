@@ -258,8 +258,13 @@ class ClosedChainMechanism:
         return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
 
     def placement_on_end(self, frame: str) -> pin.SE3:
-        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``."""
+        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.
+
+        Raises BadInputError where joints lie between the two.
+        """
         end, wanted = (self.shared_model.frames[self.frame_id(name)] for name in (str(self.loops.end_frame), frame))
+        if wanted.parentJoint != end.parentJoint:
+            raise BadInputError(f"'{frame}' moves against '{self.loops.end_frame}'; name a frame that is fixed to it")
         return end.placement.actInv(wanted.placement)
 
     def frame_id(self, name: str) -> int:

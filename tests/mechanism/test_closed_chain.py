@@ -43,6 +43,8 @@ def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
     assert model.gravity.linear.tolist() == [0.0, 0.0, -GRAVITY_M_S2]
     with pytest.raises(UnknownFrameError):
         mechanism.placement_on_end("ladle_lips")
+    with pytest.raises(BadInputError, match="'fixed_platform' moves against 'moving_platform'; name a frame"):
+        mechanism.placement_on_end("fixed_platform")
 
 
 def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):

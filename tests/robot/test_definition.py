@@ -393,6 +393,7 @@ def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
     ("said", "words"),
     [
         ("payload_frame: tipp", "payload_frame 'tipp' is no link of the robot; did you mean 'tip'"),
+        ("payload_frame: arm", "payload_frame 'arm' moves against end_frame 'tip'; name a link that is fixed to it"),
         ("home: {reach: 9.0}", "home: 'reach' at 9 is beyond its limits"),
     ],
 )
