@@ -90,6 +90,16 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
     )
 
 
+def refuse_redundant(robot: Robot) -> None:
+    """Raise BadInputError for a robot whose drives cannot be commanded one by one."""
+    if robot.model.definition.loops.redundant_drives:
+        raise BadInputError(
+            f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "
+            "disagree by far more than errors make them; take redundant_drives out of a copy of its robot file, with "
+            "as many drives as it has freedoms"
+        )
+
+
 def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     """Return commands drawn evenly, where the robot can go, with a plausible day's conditions.
 
@@ -98,10 +108,11 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     them shows.
 
     Raises:
-        BadInputError: there is no robot, the count is not between 1 and 100,000, the seed is negative, or hardly any
-            pose is in reach.
+        BadInputError: there is no robot, its drives are redundant, the count is not between 1 and 100,000, the seed is
+            negative, or hardly any pose is in reach.
     """
     expect(robot, Robot, LOADED)
+    refuse_redundant(robot)
     count = whole(count, 1, f"a plan has 1 to {_MOST_POSES} poses", _MOST_POSES)
     seed = whole(seed, 0, "the seed of a plan is a whole number from 0 on")
     random, (lower, upper) = generator(seed, Stream.PLAN), command_box(robot.command_axes)

@@ -13,7 +13,7 @@ import pinocchio as pin
 from pouring_robot.campaign.columns import POSITION, ROTATION, arrays_from
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
-from pouring_robot.campaign.plan import PosePlan
+from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -123,12 +123,7 @@ def simulate_campaign(
         raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={told}")
     if robots is not None and len(robots) != rows:
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
-    if robot.model.definition.loops.redundant_drives:
-        raise BadInputError(
-            f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "
-            "disagree by far more than errors make them; take redundant_drives out of a copy of its robot file, with "
-            "as many drives as it has freedoms"
-        )
+    refuse_redundant(robot)
     if options.outliers > rows:
         raise BadInputError(f"{options.outliers} outliers do not fit into {rows} rows")
     path = Path(path)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.plan import random_plan, refuse_redundant
 from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.plan_rows import (
     Columns,
@@ -60,14 +60,15 @@ class Planner:
     """Plans for one robot and one request. Candidates and their columns are worked out once.
 
     Raises:
-        BadInputError: there is no robot, a parameter is unknown, a load is more than the ladle holds, or the candidates
-            are too few.
+        BadInputError: there is no robot, its drives are redundant, a parameter is unknown, a load is more than the
+            ladle holds, or the candidates are too few.
         UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
         NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
         expect(robot, Robot, LOADED)
+        refuse_redundant(robot)
         self.robot, self.request = robot, request or PlanRequest()
         loads, temperatures = self.request.loads_kg, self.request.leg_degC
         if not isinstance(robot, PouringRobot):

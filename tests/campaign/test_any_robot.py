@@ -9,6 +9,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.design.planning import Planner
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.robot.description.robot_file import TAKEN
@@ -44,10 +45,11 @@ def test_a_campaign_is_of_a_robot_and_a_plan_of_whole_poses(tmp_path):
             call()
 
 
-def test_redundant_drives_are_not_simulated_from_commands():
+def test_redundant_drives_are_neither_planned_nor_simulated_from_commands():
     lines = Robot.load(ROBOTS.parent / "machines" / "hangprinter" / "robot.yaml")
-    with pytest.raises(BadInputError, match=r"hangprinter has redundant drives.*take redundant_drives out"):
-        simulate_campaign(lines, random_plan(lines, 4, 3))
+    for call in (lambda: simulate_campaign(lines, random_plan(lines, 4, 3)), lambda: Planner(lines)):
+        with pytest.raises(BadInputError, match=r"hangprinter has redundant drives.*take redundant_drives out"):
+            call()
 
 
 def test_a_plan_of_drives_is_read_in_their_units(tmp_path):
