@@ -149,8 +149,9 @@ class RobotDefinition:
             near = closest(file.payload_frame, frames)
             raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
         moving = {*(name for name, kind in kinds.items() if kind != "fixed"), *self.loops.cut_joints}
-        moved = [[j for j in carriers(root, name) if j in moving] for name in (self.payload_frame, end) if end]
-        if moved and moved[0] != moved[1]:
+        held = filter(None, (self.payload_frame, end))
+        moved = [[joint for joint in carriers(root, name) if joint in moving] for name in held]
+        if moved[0] != moved[-1]:
             problem = f"payload_frame '{self.payload_frame}' moves against end_frame '{end}'"
             raise DescriptionError(path, f"{problem}; name a link that is fixed to it")
         self._check_home(root.iterfind("joint"))
