@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
+from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
@@ -403,3 +404,14 @@ def test_what_the_urdf_contradicts_is_refused(tmp_path, said, words):
     (tmp_path / "robot.yaml").write_text(text + "drives: [{joint: shoulder}, {joint: reach}]\n", encoding="utf-8")
     with pytest.raises(DescriptionError, match=re.escape(words)):
         RobotDefinition.load(tmp_path / "robot.yaml")
+
+
+def test_redundant_drives_agree_all_over_the_workspace():
+    """Four lines hold a point: where they agree the loops close, and where they do not they are metres open."""
+    robot = RobotDefinition.load("examples/machines/hangprinter/robot.yaml")
+    drawing = robot.drawing()
+    drives, start = robot.workspace(drawing, 24)
+    assert len(drives) > 12
+    assert np.abs(engine_for(drawing.mechanism).close(drives, start).residual).max() < 1e-9
+    lower, upper = np.transpose([(axis.lower, axis.upper) for axis in robot.command_axes(drawing.mechanism)])
+    assert ((lower <= drives) & (drives <= upper)).all()

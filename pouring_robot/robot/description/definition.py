@@ -337,9 +337,11 @@ class RobotDefinition:
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.
 
-        What does not close there, or with joints beyond limits, is left out.
+        Redundant drives agree there. What does not close, or with joints beyond limits, is left out.
         """
-        commands = drawing.commands(self._spread(drawing.mechanism, count))
+        from pouring_robot.robot.description.drawing import agreed
+
+        commands = drawing.commands(agreed(drawing, self._spread(drawing.mechanism, count)))
         kept = np.flatnonzero(drawing.in_reach(commands.start))
         return commands.drives[kept], commands.start[kept]
 

@@ -12,9 +12,11 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import ROUND_OFF
 
 _KEPT = 4
+_AGREE_M, _MOST_STEPS = 1e-12, 20
 
 
 class Drawing(Protocol):
@@ -33,6 +35,25 @@ class Drawing(Protocol):
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed configuration (nq,) of drives (drives,), in m and rad, or raise NoSolutionError."""
+
+
+def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
+    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not; by Newton.
+
+    Drives that no pose has stay as they are, and those of a robot that has none to spare.
+    """
+    if not drawing.mechanism.loops.redundant_drives:
+        return drives
+    engine, parameters = engine_for(drawing.mechanism), drive_parameters(drawing.mechanism)
+    closed = engine.close(drives, drawing.starts(drives))
+    for _ in range(_MOST_STEPS):
+        apart = np.nan_to_num(closed.disagreement)
+        if np.abs(apart).max(initial=0.0) < _AGREE_M:
+            break
+        slopes = np.nan_to_num(np.asarray(engine.transfer(closed, parameters).disagreement, dtype=float))
+        drives = drives - (np.linalg.pinv(slopes) @ apart[..., None])[..., 0]
+        closed = engine.close(drives, closed.as_start())
+    return drives
 
 
 class HomeDrawing:
