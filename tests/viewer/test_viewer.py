@@ -419,6 +419,25 @@ def test_a_page_says_the_factor_that_the_picture_says(tmp_path):
 
 
 @needs_browser
+def test_a_number_that_is_being_typed_is_not_zero(tmp_path):
+    sliders = _Doubling().sliders()
+    sliders["groups"][0]["sliders"][0]["value"] = 0.5
+    probe = """
+      const typed = Array.from(["", "-", "0.25", ""], (value, k) => {
+        const number = document.querySelector("#bench input[type=number]");
+        number.value = value;
+        number.dispatchEvent(new Event(k < 3 ? "input" : "change"));
+        return [inputs.get("x").value(), number.value, wish && wish.values.x];
+      });
+      const made = document.createElement("pre"); made.id = "probe"; made.textContent = JSON.stringify(typed);
+      document.body.append(made);"""
+    page = page_module.page(small_scene(tmp_path), live=True, bench=sliders)
+    _, dom = _browsed(re.sub(r"new WebSocket\(.*?\)", "{}", page), tmp_path, probe)
+    typed = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert typed == [[0.5, "", None], [0.5, "", None], [0.25, "0.25", 0.25], [0.25, "0.25", 0.25]]
+
+
+@needs_browser
 def test_a_browser_puts_bodies_where_the_solver_has_them(tmp_path):
     scene = film(tmp_path)
     page = write_html(scene, tmp_path / "film.html").read_text()

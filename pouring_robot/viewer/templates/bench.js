@@ -13,11 +13,15 @@ function slider(own, chosen) {
   const set = value => { held = value; range.value = value; number.value = +value.toFixed(3); };
   for (const input of [range, number]) {
     input.addEventListener("input", () => {
+      if (input.value === "") { return; }  // before the first digit: no zero
       held = Number(input.value);
       (input === range ? number : range).value = input === range ? +held.toFixed(3) : held;
       chosen(held, false);
     });
-    input.addEventListener("change", () => chosen(held, true));
+    input.addEventListener("change", () => {
+      if (input.value === "") { set(held); }
+      chosen(held, true);
+    });
   }
   set(own.value);
   return { line: element("div", { className: "slider" }, label, number, range), set, value: () => held };
