@@ -32,8 +32,11 @@ class Bench(Protocol):
     def sliders(self) -> dict[str, Any]:
         """Return what the page offers: what it is, its limits, its value, ready for JSON."""
 
-    def answer(self, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Return what the page shows for values its user chose, ready for JSON; a refusal has the key ``refused``."""
+    def answer(self, wanted: Any) -> dict[str, Any]:
+        """Return what the page shows for values its user chose, ready for JSON; a refusal has the key ``refused``.
+
+        ``wanted`` is what came, as JSON has it; None where that was none.
+        """
 
 
 class LiveView:
@@ -142,8 +145,13 @@ class _Words(tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         bench = self.settings["bench"]
-        if bench is not None:
-            self.write_message(json.dumps(bench.answer(json.loads(message)), allow_nan=False))
+        if bench is None:
+            return
+        try:
+            wanted = json.loads(message)
+        except (ValueError, RecursionError):  # no page of ours: the bench refuses it as it refuses any other nonsense
+            wanted = None
+        self.write_message(json.dumps(bench.answer(wanted), allow_nan=False))
 
     def on_close(self) -> None:
         self.settings["clients"].discard(self)

@@ -266,7 +266,7 @@ class _Doubling:
         return {"groups": [{"name": "pose", "commands": True, "sliders": [x]}], "errors": errors}
 
     def answer(self, wanted):
-        return {"doubled": 2 * wanted["x"]}
+        return {"doubled": 2 * wanted["x"]} if wanted else {"refused": "nothing"}
 
 
 def test_a_bench_answers_its_page(tmp_path):
@@ -284,6 +284,24 @@ def test_a_bench_answers_its_page(tmp_path):
             page = answer.read().decode()
     assert _content(page)["bench"]["groups"][0]["sliders"][0]["id"] == "x"
     assert "connect-src 'self'" in page
+
+
+@pytest.mark.parametrize("message", ["nonsense", b"\xff\x00", 100_000 * "["])
+def test_what_is_no_question_is_refused_and_the_next_is_answered(tmp_path, message, capfd):
+    async def ask(url):
+        client = await websocket_connect(url.replace("http", "ws") + "bench")
+        try:
+            await client.write_message(message, binary=isinstance(message, bytes))
+            refused = await client.read_message()
+            await client.write_message(json.dumps({"x": 21}))
+            return [json.loads(refused), json.loads(await client.read_message())]
+        finally:
+            client.close()
+
+    with serve(small_scene(tmp_path), bench=_Doubling()) as view:
+        answers = IOLoop(make_current=False).run_sync(lambda: ask(view.url), timeout=10)
+    assert answers == [{"refused": "nothing"}, {"doubled": 42}]
+    assert capfd.readouterr() == ("", "")
 
 
 def test_live_view_refuses_pages_of_other_origins_and_names(tmp_path):

@@ -77,7 +77,7 @@ class RobotBench:
             },
         }
 
-    def answer(self, wanted: dict[str, Any]) -> dict[str, Any]:
+    def answer(self, wanted: Any) -> dict[str, Any]:
         """Return where everything stands for what a page asks, or why it cannot stand there."""
         try:
             wish = Wish.model_validate(wanted)
