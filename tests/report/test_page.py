@@ -2,9 +2,13 @@
 
 import hashlib
 import re
+import shutil
+import subprocess
+import zlib
 from html.parser import HTMLParser
 
 import numpy as np
+import pytest
 
 from pouring_robot import __version__
 from pouring_robot.report.page import Heading, Lines, Paragraph, Plot, Table, html_page
@@ -55,6 +59,22 @@ def test_blocks_stand_in_their_order_and_look_as_asked():
     assert '<li class="sub">below it</li>' in page and page.count('class="mono"') == 1
     assert "<svg></svg>" in page and 'name="viewport"' in page and "prefers-color-scheme:dark" in page
     assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium, which no Python package brings")
+def test_what_is_folded_is_printed(tmp_path):
+    page, words = html_page("t", "h", BLOCKS), []
+    for name, content in (("folded", page), ("open", page.replace("<details>", "<details open>"))):
+        (tmp_path / f"{name}.html").write_text(content)
+        command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+        command += ["--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}"]
+        command.append((tmp_path / f"{name}.html").as_uri())
+        subprocess.run(command, capture_output=True, timeout=60, check=True)
+        streams = re.findall(
+            rb"/FlateDecode.*?stream\r?\n(.*?)endstream", (tmp_path / "page.pdf").read_bytes(), re.DOTALL
+        )
+        words.append(sum(len(re.findall(rb"T[jJ]\b", zlib.decompress(stream))) for stream in streams))
+    assert words[0] == words[1] > 10
 
 
 def test_headings_stand_over_their_cells():
