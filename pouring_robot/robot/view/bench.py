@@ -3,13 +3,14 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, PouringRobotError
+from pouring_robot.io.tables import LARGEST
 from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.mechanism.poses import shown_in
@@ -24,6 +25,7 @@ from pouring_robot.viewer.page import film
 
 POSE, DRIVES = "pose", "drives"
 _MOST_AT_FIRST = 100.0
+_Shown = Annotated[pydantic.FiniteFloat, pydantic.Field(ge=-LARGEST, le=LARGEST)]
 _LARGEST = {"mm": 2.0, "mrad": 10.0}
 
 
@@ -32,8 +34,8 @@ class Wish(StrictModel):
 
     commanded: str  # the group of sliders that says where the robot stands: the one moved last
     settled: bool  # whether the slider was let go of
-    values: dict[str, pydantic.FiniteFloat]  # of all sliders, by their ids, in their units
-    errors: dict[str, pydantic.FiniteFloat]  # geometric errors by name, in mm or mrad, on top of the model's
+    values: dict[str, _Shown]  # of all sliders, by their ids, in their units
+    errors: dict[str, _Shown]  # geometric errors by name, in mm or mrad, on top of the model's
 
 
 class RobotBench:
