@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+import yourdfpy
 from lxml import etree
 
 from pouring_robot.cli.app import main
@@ -411,6 +412,16 @@ def test_every_format_has_each_mesh_in_its_own_place(tied, tmp_path, seen, touch
         names = [entry.get(attribute) if attribute else entry.text for entry in etree.parse(out).iter(tag)]
         for name, size in zip(names, (sizes[seen], sizes[touched]), strict=True):
             assert np.ptp(trimesh.load_mesh(out.parent / name).bounds, axis=0) == pytest.approx(size, rel=1e-6)
+
+
+def test_axes_have_length_one_for_readers_that_take_them_as_they_are(tied, tmp_path):
+    path = tied.definition.source
+    path.write_text(path.read_text("utf-8").replace('xyz="0 0 1"', 'xyz="0 0 2"'), encoding="utf-8")
+    closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
+    robot = yourdfpy.URDF.load(str(written(closed, tmp_path / "out")))
+    robot.update_cfg(closed.joints)
+    expected = closed.result.pose("base", "slide_link").homogeneous
+    np.testing.assert_allclose(robot.get_transform("slide_link", "base"), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["part.stl", "part.obj", "part.dae", "part.ply"])

@@ -21,6 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.untrusted import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
+_ROUND_OFF = 1e-15
 _FARTHEST = 30.0
 """How far a centre of mass may be, over the length of all joints and a metre: of one in mm it is a thousand times."""
 
@@ -220,6 +221,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
         mesh.set("filename", f"meshes/{names[source]}")
     _say_massless(root)
+    _say_unit_axes(root)
     if root.find("mujoco") is None:  # its compiler melts links and drops visuals of a URDF; others pass it over
         settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
         etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
@@ -237,6 +239,14 @@ def _say_massless(root: etree._Element) -> None:
             inertial = etree.SubElement(link, "inertial")
             etree.SubElement(inertial, "mass", value="0")
             etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+
+
+def _say_unit_axes(root: etree._Element) -> None:
+    """Give axes the length 1 where they have another: some readers let a joint slide that many times as far."""
+    for joint in root.iterfind("joint"):
+        length = np.linalg.norm(joint_axis(joint))
+        if length > 0.0 and abs(length - 1.0) > _ROUND_OFF:
+            joint.find("axis").set("xyz", text(joint_axis(joint) / length))
 
 
 def _displace(joint: etree._Element, placement: pin.SE3, source: Path | str) -> None:
