@@ -424,6 +424,22 @@ def test_axes_have_length_one_for_readers_that_take_them_as_they_are(tied, tmp_p
     np.testing.assert_allclose(robot.get_transform("slide_link", "base"), expected, atol=1e-12)
 
 
+def test_each_shape_has_its_own_colour_where_materials_are_called_alike(tied, tmp_path):
+    """As those that CAD programs write, which have no names; a name alone means the colour that has it."""
+    path, root = tied.definition.source, etree.parse(tied.definition.source)
+    etree.SubElement(etree.SubElement(root.getroot(), "material", name="blue"), "color", rgba="0 0 1 1")
+    for name, rgba in (("", "1 0 0 1"), ("", "0 1 0 1"), ("blue", None)):
+        visual = etree.SubElement(root.find("link[@name='tip_mount_link']"), "visual")
+        etree.SubElement(etree.SubElement(visual, "geometry"), "sphere", radius="0.1")
+        material = etree.SubElement(visual, "material", name=name)
+        if rgba:
+            etree.SubElement(material, "color", rgba=rgba)
+    root.write(path)
+    closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "mjcf", "mjcf")))
+    np.testing.assert_array_equal(model.geom_rgba, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
+
+
 @pytest.mark.parametrize("name", ["part.stl", "part.obj", "part.dae", "part.ply"])
 @pytest.mark.parametrize("content", ["", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"])
 @pytest.mark.parametrize("what", ["visual", "collision"])

@@ -175,8 +175,10 @@ def _inertia(link: Any) -> pin.Inertia | None:
 
 def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
     for entry in link.iterfind(what):
-        form, material = entry.find("geometry")[0], entry.find("material")
-        rgba = paint.get(material.get("name")) if material is not None else None
+        form, material, rgba = entry.find("geometry")[0], entry.find("material"), None
+        if material is not None:  # those with a colour of their own are often all called alike, or not at all
+            own = material.find("color")
+            rgba = paint.get(material.get("name")) if own is None else own.get("rgba")
         colour = tuple(float(v) for v in rgba.split()) if rgba else Shape.colour
         match form.tag:
             case "box":
