@@ -440,6 +440,18 @@ def test_each_shape_has_its_own_colour_where_materials_are_called_alike(tied, tm
     np.testing.assert_array_equal(model.geom_rgba, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
 
 
+def test_mujoco_loads_what_is_flat(tied, tmp_path):
+    path = tied.definition.source
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]).export(
+        path.parent / "flat.stl"
+    )
+    shape = '<visual><geometry><mesh filename="flat.stl"/></geometry></visual></link>'
+    path.write_text(path.read_text("utf-8").replace("</link>", shape, 1), encoding="utf-8")
+    closed = ClosedRobot.of(RobotModel.for_robot(path.with_name("robot.yaml")), np.array([0.3, 0.1]))
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "mjcf", "mjcf")))
+    assert sorted(np.ptp(model.mesh_vert, axis=0)) == pytest.approx([0.0, 1.0, 1.0], abs=1e-6)
+
+
 @pytest.mark.parametrize("name", ["part.stl", "part.obj", "part.dae", "part.ply"])
 @pytest.mark.parametrize("content", ["", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"])
 @pytest.mark.parametrize("what", ["visual", "collision"])

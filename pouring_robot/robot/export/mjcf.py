@@ -51,7 +51,8 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     etree.SubElement(root, "statistic", extent="3")
     asset = etree.SubElement(root, "asset")
     for (file, scale), name in assembly.meshes.items():
-        etree.SubElement(asset, "mesh", name=name, file=f"{PurePosixPath(file).stem}.obj", scale=text(scale))
+        shape = {"file": f"{PurePosixPath(file).stem}.obj", "scale": text(scale)}
+        etree.SubElement(asset, "mesh", name=name, **shape, inertia="shell")  # a flat one has no volume
     world = etree.SubElement(root, "worldbody")
     etree.SubElement(world, "light", pos="0 0 6", directional="true")
     _fill(world, assembly.bodies[assembly.base], assembly)
