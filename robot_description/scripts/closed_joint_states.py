@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from pouring_robot import RobotModel
-from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.robot.robot import Robot
 
 
@@ -30,10 +30,10 @@ class ClosedJointStates(Node):
 
     def close(self, message: JointState) -> None:
         """Publish the joints for a message; one without all drives, or that nothing closes, is left out with a line."""
-        given = dict(zip(message.name, message.position, strict=True))
+        given = dict(zip(message.name, message.position, strict=False))  # it may hold velocities alone
         try:
             closed = self.robot.location_at([given[name] for name in self.drives]).actual
-        except (KeyError, NoSolutionError) as problem:
+        except (KeyError, PouringRobotError) as problem:
             self.get_logger().warning(f"not closed: {problem}", throttle_duration_sec=2.0)
             return
         joints = closed.joint_values | {name: given[name] for name in self.travels if name in given}

@@ -141,3 +141,6 @@ def test_the_node_publishes_all_joints_of_the_closed_robot(monkeypatch):
     assert joints == pytest.approx({**expected, "truss_travel": 2.5}, abs=1e-9) and sent[0].header.stamp == "now"
     node.close(Message(["leg1_s3"], [0.5]))
     assert len(sent) == 1 and "leg2_s3" in said[0]
+    node.close(Message(node.drives))  # velocities alone
+    node.close(Message(node.drives, [float("nan")] * 4))  # as drivers say before they know
+    assert len(sent) == 1 and "leg1_s3" in said[1] and "one finite value for each drive" in said[2]
