@@ -38,7 +38,7 @@ _NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
 _GLANCE = 20  # rows, of which fewer than half have a pose once in 2,000 times where that share of all has (binomial)
-_QUARTER_TURNS = (90, -90, 180)  # between the usual zeros of a turning joint, in degrees
+_QUARTER_TURNS = (90, -90, 180, -180)  # between the usual zeros of a turning joint, in degrees; limits tell half turns
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
 
 
@@ -265,7 +265,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     # Turning drives may count from another zero: controllers, and tables of links, differ by quarter turns.
     turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
     for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):
-        zero = math.remainder(drive.zero + math.radians(turn), 2.0 * math.pi)
+        zero = drive.zero + math.radians(turn)  # whole turns away it may be beyond the joint's limits
         message = (
             f"column {headings[k]} seems to count from another zero, where the joint stands at "
             f"{math.degrees(zero):.6g}° (zero: {zero:.6g})"

@@ -149,7 +149,7 @@ def test_units_of_all_drives(machine):
 
 
 @pytest.mark.parametrize("machine", ["arm", "delta", "five_bar"], indirect=True)
-@pytest.mark.parametrize("turn", [-90, 180])
+@pytest.mark.parametrize("turn", [-90, 180, -180])
 def test_turning_drives_that_count_from_another_zero(machine, turn):
     """As of two tables of links that put the zero of a joint a quarter turn apart."""
     robot, at = machine.campaign.robot, 1
