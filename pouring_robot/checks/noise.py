@@ -7,13 +7,14 @@ Of one measured component of n rows, let r be what the nominal robot and the two
 where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
 base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
 drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
-found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
+found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where
+drives also err in proportion to where they stand and by waves of their turn.
 """
 
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
+from pouring_robot.robot.description.definition import Drive
 from pouring_robot.robot.description.drawing import Drawing
 
 FALSE_ALARMS = 1e-3
@@ -40,6 +42,7 @@ LEAST_FACTOR = 2.0
 """A data sheet's figure is not better known."""
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
+_ORDERS = 8  # waves of a turn, as of encoders, gears and screws; they fall with the order
 _STILL_M = 1e-9  # positions that vary by less stand still
 _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
@@ -115,9 +118,14 @@ def check_noise(
     yield from rounded
     if rounded or not all(one.too_small for one in scatters):
         return
-    # What weight does takes a closure a row: it is worked out only where it may be what scatters.
-    scatters = _scatters(campaign, drawing, data, fit, rows, weighed=True)
-    if all(one.too_small for one in scatters):
+    # What weight does takes a closure a row, waves are many: they are worked out only where they may be what scatters.
+    by_drive = list(_by_weight(campaign, drawing, data.drives[rows], rows))
+    scatters = _scatters(campaign, drawing, data, fit, rows, by_drive)
+    if not all(one.too_small for one in scatters):
+        return
+    # Of few rows waves explain a part of any noise: they may clear it, but how large it is the others say.
+    by_drive += _by_own_place(campaign, data.drives[rows])
+    if all(one.too_small for one in _scatters(campaign, drawing, data, fit, rows, by_drive)):
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
@@ -129,8 +137,14 @@ def check_noise(
 
 
 def _scatters(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices, *, weighed: bool = False
+    campaign: Campaign,
+    drawing: Drawing,
+    data: Comparison,
+    fit: FrameFit,
+    rows: Indices,
+    by_drive: Iterable[FloatArray] = (),
 ) -> list[Scatter]:
+    """Return what each component scatters by, with more causes, an error of every drive in rows (n, D) each."""
     moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
@@ -140,8 +154,7 @@ def _scatters(
     smooth = [moved * units, *(by_condition * values[:, None, None] for values in varying)]
     if campaign.approach is not None:
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
-    if weighed:
-        smooth += [yielding * force[:, None] for force in _by_weight(campaign, drawing, data.drives[rows], rows)]
+    smooth += [yielding * sizes[:, None] for sizes in by_drive]
     causes = np.concatenate(smooth, axis=2)
     stated = campaign.metadata
     residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
@@ -172,6 +185,23 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     for force in forces:
         # Where weight puts nothing, round-off must not be made large: it would pass for noise.
         yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)
+
+
+def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:
+    """Yield what goes by each drive's own value, (n, D): in proportion, and waves of a turn of joint or motor."""
+    moved = drives - drives.mean(axis=0)
+    yield moved / np.maximum(np.abs(moved).max(axis=0), _STILL_M)
+    turns = np.array([_turn(drive, campaign.metadata.screw_pitch_m) for drive in campaign.robot.drives])
+    for order in range(1, _ORDERS + 1):
+        phase = 2.0 * np.pi * order * drives / turns
+        yield from (np.cos(phase) / order, np.sin(phase) / order)
+
+
+def _turn(drive: Drive, screw_pitch_m: float | None) -> float:
+    """Return by how much a drive moves in a turn of its joint or motor, in m or rad; infinite where nobody knows."""
+    if drive.unit == "rad":
+        return 2.0 * np.pi
+    return 2.0 * np.pi * abs(drive.factor) if drive.command == "angle" else screw_pitch_m or np.inf
 
 
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:

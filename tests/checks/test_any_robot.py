@@ -103,6 +103,19 @@ def test_what_bends_with_the_place_is_no_noise(machine):
     assert "noise_too_small" not in found
 
 
+@pytest.mark.parametrize("machine", ["arm", "hexapod"], indirect=True)
+def test_what_goes_by_a_drive_s_own_place_is_no_noise(machine):
+    """A gear that turns too far, an encoder off centre, or a screw that errs with every turn, in one drive."""
+    campaign, drives = machine.campaign, machine.campaign.drives
+    turn = 0.01 if campaign.robot.drives[0].unit == "m" else 2.0 * np.pi
+    metadata = campaign.metadata.model_copy(update={"screw_pitch_m": 0.01})
+    for k in range(drives.shape[1]):
+        for off in (1e-3 * drives[:, k], 3e-4 * np.sin(2.0 * np.pi * drives[:, k] / turn)):
+            # The robot went to the table's commands, of which the table tells what the drive's error leaves.
+            told = damaged(campaign, drives=drives - off[:, None] * np.eye(drives.shape[1])[k], metadata=metadata)
+            assert "noise_too_small" not in codes(check_campaign(told, machine.drawing))
+
+
 def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
     sessions = np.arange(len(machine.campaign)) // 20
     moved = 8.0 * SIGMA * np.random.default_rng(0).normal(size=(sessions[-1] + 1, 3))
