@@ -7,8 +7,8 @@ Of one measured component of n rows, let r be what the nominal robot and the two
 where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
 base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
 drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
-found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where
-drives also err in proportion to where they stand and by waves of their turn.
+found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where drives also err in
+proportion to where they stand and by waves of their turn.
 """
 
 import functools
@@ -111,7 +111,8 @@ def check_noise(
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
     rows = rows[evenly(rows.size, _MOST_ROWS)]
-    scatters = _scatters(campaign, drawing, data, fit, rows)
+    effect = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
+    scatters = _scatters(campaign, data, fit, rows, effect)
     if not scatters:
         return
     rounded = list(_rounded(campaign, scatters))
@@ -120,12 +121,12 @@ def check_noise(
         return
     # What weight does takes a closure a row, waves are many: they are worked out only where they may be what scatters.
     by_drive = list(_by_weight(campaign, drawing, data.drives[rows], rows))
-    scatters = _scatters(campaign, drawing, data, fit, rows, by_drive)
+    scatters = _scatters(campaign, data, fit, rows, effect, by_drive)
     if not all(one.too_small for one in scatters):
         return
     # Of few rows waves explain a part of any noise: they may clear it, but how large it is the others say.
     by_drive += _by_own_place(campaign, data.drives[rows])
-    if all(one.too_small for one in _scatters(campaign, drawing, data, fit, rows, by_drive)):
+    if all(one.too_small for one in _scatters(campaign, data, fit, rows, effect, by_drive)):
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
@@ -138,14 +139,18 @@ def check_noise(
 
 def _scatters(
     campaign: Campaign,
-    drawing: Drawing,
     data: Comparison,
     fit: FrameFit,
     rows: Indices,
+    effect: tuple[FloatArray, FloatArray],
     by_drive: Iterable[FloatArray] = (),
 ) -> list[Scatter]:
-    """Return what each component scatters by, with more causes, an error of every drive in rows (n, D) each."""
-    moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
+    """Return what each component of some rows scatters by.
+
+    ``effect`` is that of every joint, see :func:`joint_effect`; ``by_drive`` are more causes, an error of every drive
+    in the rows, (n, D) each.
+    """
+    moved, units = effect
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
     yielding = drives * units[: drives.shape[2]]
