@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns
+from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns, values_a_row
 from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
@@ -96,7 +96,7 @@ class CalibrationFindings(Result):
         for unit, si, columns in (("mm", MM, length_columns(seen)), ("mrad", MRAD, slice(3, 6))):
             known = np.isfinite(seen[:, columns])
             size = rms(np.broadcast_to(sigma[columns], known.shape)[known]) / si
-            values = round(known.sum() / max(int(known.any(axis=1).sum()), 1))  # that most rows have
+            values = round(values_a_row(seen[:, columns]))  # that most rows have
             found |= {f"rms_{unit}": size, f"p95_{unit}": math.sqrt(float(scipy.special.chdtri(values, 0.05))) * size}
         return found
 

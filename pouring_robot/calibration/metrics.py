@@ -54,6 +54,12 @@ def length_columns(difference: FloatArray) -> slice:
     return slice(0, 3) if placed else slice(6, None)
 
 
+def values_a_row(vectors: FloatArray) -> float:
+    """Return how many values (n, k) the rows have on average of which any was measured; 0 where none was."""
+    seen = np.isfinite(vectors)
+    return float(seen.sum() / max(int(seen.any(axis=1).sum()), 1))
+
+
 def row_lengths(vectors: FloatArray) -> FloatArray:
     """Return the length of what was measured of each row (n, k), (n,), in its unit; NaN where nothing was."""
     seen = np.isfinite(vectors)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
-from pouring_robot.calibration.metrics import length_columns, row_lengths
+from pouring_robot.calibration.metrics import length_columns, row_lengths, values_a_row
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -46,9 +46,8 @@ def _residuals(calibration: CalibrationFindings) -> str:
             tell(dots, [f"line {line}: {value:.4f} {label.split()[-1].strip('[]')} {name}" for line, value in found])
         for row in calibration.split.test:
             axes.axvspan(row - 0.5, row + 0.5, color=HELD_OUT, alpha=0.12, linewidth=0)
-        seen = np.isfinite(calibration.before[kept, columns])
-        values_of_a_row = seen.sum() / max(seen.any(axis=1).sum(), 1)
-        axes.axhline(np.sqrt(values_of_a_row) * noise, color=GREY, linestyle="--", label="noise")
+        count = values_a_row(calibration.before[kept, columns])
+        axes.axhline(np.sqrt(count) * noise, color=GREY, linestyle="--", label="noise")
         axes.set_ylabel(label)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
