@@ -107,8 +107,8 @@ class Effect(ABC):
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
         """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
 
-        It is printed in the place of the parameters.
-        ``values`` are those of the parameters found, by name, each in its unit; ``stds`` their standard deviations.
+        It is printed in the place of the parameters. ``values`` are those of the parameters found, by name, each in its
+        unit; ``stds`` their standard deviations.
         """
         return ()
 

@@ -1,8 +1,11 @@
 """Options of a diagnosis and of a calibration."""
 
+import inspect
+
 import pytest
 
 from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, calibrate, diagnose
+from pouring_robot.cli.diagnose import diagnose as command
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -23,6 +26,14 @@ from pouring_robot.robot.parameters import ParameterCatalogue
 def test_what_means_nothing_is_refused(kind, given):
     with pytest.raises(BadInputError):
         kind(**given)
+
+
+def test_the_command_has_the_defaults_of_the_library():
+    given = {name: one.default for name, one in inspect.signature(command).parameters.items()}
+    options = DiagnosisOptions()
+    assert {name: given[name] for name in ("false_names", "hold_out", "made_within", "next_count")} == {
+        name: getattr(options, name) for name in ("false_names", "hold_out", "made_within", "next_count")
+    }
 
 
 @pytest.mark.parametrize("work", [calibrate, diagnose])

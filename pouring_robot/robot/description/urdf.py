@@ -244,9 +244,10 @@ def _say_massless(root: etree._Element) -> None:
 def _say_unit_axes(root: etree._Element) -> None:
     """Give axes the length 1 where they have another: some readers let a joint slide that many times as far."""
     for joint in root.iterfind("joint"):
-        length = np.linalg.norm(joint_axis(joint))
+        axis = joint_axis(joint)
+        length = np.linalg.norm(axis)
         if length > 0.0 and abs(length - 1.0) > _ROUND_OFF:
-            joint.find("axis").set("xyz", text(joint_axis(joint) / length))
+            joint.find("axis").set("xyz", text(axis / length))
 
 
 def _displace(joint: etree._Element, placement: pin.SE3, source: Path | str) -> None:
