@@ -333,7 +333,7 @@ def _unsettled(after: LinearState, hypothesis: Hypothesis) -> str:
 
     So large that what is linear of them tells nothing, they are where the search gave up, and nothing that is at work.
     """
-    beside = [hypothesis.part(k) for k, item in enumerate(hypothesis.items) if not item.cause]
+    beside = [hypothesis.part(k) for k in hypothesis.unnamed]
     left = hypothesis.problem.nuisance.cleared(after.linear.residual)
     foretold = hypothesis.remainder + sum(beside, np.zeros(left.size))
     if len(beside) == len(hypothesis.items) or rms(left - foretold) < DEFAULT_THRESHOLDS.structure_size:

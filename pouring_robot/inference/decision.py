@@ -274,7 +274,7 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
         f"'{better.process.words}' explains better than {effect}, by {better.margin:.0f} nats in its place"
         for effect, better in found.beaten.items()
     ]
-    loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
+    loose = hypothesis.unnamed
     if not found.causes and loose and _worth_saying(hypothesis, loose, found.thresholds):
         reasons.append("the gap looks like what the load makes of soft joints, and nothing else is found")
     return reasons

@@ -90,6 +90,11 @@ class Hypothesis:
         return levels
 
     @property
+    def unnamed(self) -> list[int]:
+        """Indices of the items that are never named, as what the load makes of soft joints."""
+        return [k for k, item in enumerate(self.items) if not item.cause]
+
+    @property
     def coarsely_made(self) -> bool:
         """Whether workmanship of some kind is larger than the likely one."""
         return any(level > _LIKELY_INDEX for level in self.levels)

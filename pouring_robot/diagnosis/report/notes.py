@@ -121,10 +121,9 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
 def _soft_lines(diagnosis: Conclusions) -> list[str]:
     """Return how much of the gap the load makes by soft joints beside the causes, which no model holds."""
     hypothesis, named = diagnosis.hypothesis, diagnosis.judgement.causes
-    loose = [k for k, item in enumerate(hypothesis.items) if not item.cause]
-    if not (named and loose):
+    if not (named and hypothesis.unnamed):
         return []
-    size = np.sqrt(hypothesis.squared_size(*loose) / len(hypothesis.problem.residual))
+    size = np.sqrt(hypothesis.squared_size(*hypothesis.unnamed) / len(hypothesis.problem.residual))
     said = "fitted beside, but no effect, so not in the model: what the load makes of soft joints"
     return [f"{said}, {size:.1f} times the noise"]
 
