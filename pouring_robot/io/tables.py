@@ -16,7 +16,7 @@ from pouring_robot.exceptions import TableError, closest
 
 CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
-_EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
+EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
@@ -123,7 +123,7 @@ def read_table(
     path = Path(path)
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return _read_parquet(path, error)
-    rows = (_excel_rows if path.suffix.lower() in _EXCEL_SUFFIXES else _csv_rows)(path, error)
+    rows = (_excel_rows if path.suffix.lower() in EXCEL_SUFFIXES else _csv_rows)(path, error)
     if not rows:
         raise error(path, f"is empty; line 1 must name the columns, such as {example}")
     heading_line, first = rows.pop(0)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
+CSV = "FILE.csv"
 
 
 def _be_quiet(wanted: bool) -> bool:
@@ -66,7 +67,16 @@ def _new_png(context: typer.Context, path: Path | None) -> Path | None:
     return _new(context, path)
 
 
-_WRITES: set[Callable[..., Path | None]] = {_new, _new_png}
+def _new_csv(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the path of a table to write, as ``_new`` does; by its name it may not be read as another format."""
+    from pouring_robot.io.tables import EXCEL_SUFFIXES, PARQUET_SUFFIXES
+
+    if path is not None and path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
+        raise BadInputError(f"{path}: this table is written as CSV; call it {path.with_suffix('.csv')}")
+    return _new(context, path)
+
+
+_WRITES: set[Callable[..., Path | None]] = {_new, _new_png, _new_csv}
 
 
 def opt(help: str, *name: str, **more: Any) -> Any:
@@ -81,7 +91,7 @@ def reads(help: str, metavar: str = "FILE") -> Any:
 
 def writes(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return opt(help, metavar=metavar, callback=_new)
+    return opt(help, metavar=metavar, callback=_new_csv if metavar == CSV else _new)
 
 
 def argument(metavar: str, help: str) -> Any:
