@@ -19,8 +19,8 @@ from pouring_robot.estimation.identifiability import BaseParameters, combination
 from pouring_robot.estimation.instruments import KINDS, NoiseLevel, are, kind_of
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.splits import Split
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
-from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup

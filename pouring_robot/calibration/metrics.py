@@ -10,8 +10,8 @@ import numpy as np
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
-from pouring_robot.mechanism.poses import MM, MRAD
 
 _FEWEST_REPEATS = 3
 

@@ -27,8 +27,8 @@ from pouring_robot.calibration.summary import (
 )
 from pouring_robot.exceptions import DescriptionError, OutputError, counted
 from pouring_robot.io.files import check_folder, refuse_present, write_together
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import Z95
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.export.closed import ClosedRobot

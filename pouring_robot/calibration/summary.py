@@ -22,8 +22,9 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import counted, some
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import Z95
-from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
+from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.location_figures import without_nan
 
 Figures = dict[str, Any]

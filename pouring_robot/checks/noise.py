@@ -29,9 +29,9 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, found
 from pouring_robot.checks.outliers import joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.definition import Drive
 from pouring_robot.robot.description.drawing import Drawing
@@ -254,7 +254,7 @@ def _step(values: FloatArray, unit: str) -> tuple[float, str]:
     shown, si = shown_in(unit)
     steps = [(_round_step(values) / si, shown, si)]
     if unit == "rad":
-        steps.append((_round_step(np.degrees(values)), "deg", math.radians(1.0)))
+        steps.append((_round_step(np.degrees(values)), "deg", DEG))
     step, shown, si = max(steps, key=lambda one: one[0] * one[2])
     return step * si, f"{step:g} {shown}"
 

@@ -20,9 +20,9 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameters import ParameterCatalogue

@@ -29,7 +29,7 @@ def export(
     for name, wanted in (("--zero-here", zero_here), ("--absolute-meshes", absolute_meshes)):
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
-    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes

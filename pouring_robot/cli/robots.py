@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
     """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
-    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.io.units import MM
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
@@ -68,8 +68,10 @@ def _determined(robot: Robot, location: Location) -> bool:
 
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
     """Return limits given in m or rad in mm or degrees."""
-    shown, factor = ("mm", 1e3) if unit == "m" else ("deg", math.degrees(1.0))
-    lower, upper = (_rounded([limit * factor])[0] if math.isfinite(limit) else None for limit in limits)
+    from pouring_robot.io.units import joint_shown_in
+
+    shown, size = joint_shown_in(unit)
+    lower, upper = (_rounded([limit / size])[0] if math.isfinite(limit) else None for limit in limits)
     return {"lower": lower, "upper": upper, "unit": shown}
 
 

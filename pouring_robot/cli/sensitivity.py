@@ -37,9 +37,7 @@ def sensitivity(
 
     A model file is taken for its layout or robot only. Errors act to first order; how far that misses is printed.
     """
-    import math
-
-    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.io.units import DEG, MM, MRAD
     from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import sensitivity as studied
     from pouring_robot.sensitivity.report import Request
@@ -52,7 +50,7 @@ def sensitivity(
         seed=seed,
         length_m=length_mm * MM,
         angle_rad=angle_mrad * MRAD,
-        box=(*(scaled(limits, MM) for limits in (x_mm, y_mm, z_mm)), scaled(tilt_deg, math.radians(1.0))),  # type: ignore[arg-type]  # four
+        box=(*(scaled(limits, MM) for limits in (x_mm, y_mm, z_mm)), scaled(tilt_deg, DEG)),  # type: ignore[arg-type]  # four
         parameters=tuple(parameters or ()),
         frame=frame,
         limit_m=limit_mm * MM,

@@ -29,8 +29,8 @@ from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import limited
@@ -75,7 +75,7 @@ class CompensatedPath(ReadOnly, Result):
 
     def _table(self) -> Any:
         """One row a pose, with the units on the headings."""
-        scales = np.array([MM, MM, MM, math.radians(1.0)])
+        scales = np.array([MM, MM, MM, DEG])
         *lengths, angle = DRIVE_COLUMNS
         columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(POSE_COLUMNS)}
         columns |= {f"{name}_mm": self.drives[:, k] / MM for k, name in enumerate(lengths)}

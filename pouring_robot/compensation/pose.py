@@ -20,10 +20,11 @@ from pouring_robot.compensation.near_singular import bring_to
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import PoseDifference, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis

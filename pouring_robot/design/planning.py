@@ -38,8 +38,8 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import LOADED, Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -133,7 +133,7 @@ class Planner:
     ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows (n, visits, k, 12 + P) per shown unit, and which poses close, (n,)."""
         rows, closed = columns.measured(poses, visits, self.request.noise, np.array(self.request.target_m))
-        return rows / _units(columns.parameters), closed
+        return rows * _units(columns.parameters), closed
 
     def _prior(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
         """Return one over the prior standard deviation in shown units, shape (f + P,); 0 where nothing is known."""
@@ -141,7 +141,7 @@ class Planner:
         priors, robot = self.request.priors, self.robot.model.definition
         for k, parameter in enumerate(parameters, start=self.nuisance):
             if priors is not None and parameter.kind == "local":
-                weights[k] = 1.0 / (expected_size(parameter, robot, priors) * parameter.shown_factor)
+                weights[k] = parameter.shown_in[1] / expected_size(parameter, robot, priors)
         return weights
 
     def _kept(self, asked: Sequence[PlannedParameter], rows: FloatArray) -> list[int]:
@@ -150,7 +150,7 @@ class Planner:
         if self.request.reduced and self.request.priors is None:
             robot = self.robot.model.definition
             tolerances = Tolerances.of(robot)
-            sizes = np.array([expected_size(p, robot, tolerances) * p.shown_factor for p in asked])
+            sizes = np.array([expected_size(p, robot, tolerances) / p.shown_in[1] for p in asked])
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
             return telling(flat * share, self.nuisance, sizes)
@@ -237,7 +237,7 @@ class Planner:
         flat, prior = rows.reshape(-1, rows.shape[-1]), self._prior(self.parameters)
         self._refuse_undetermined(f"a plan of {poses} (measured figures: {len(flat)})", flat, self.parameters)
         units = self._apart(_units(self.parameters))
-        expected = covariance(flat, prior) / np.outer(units, units)
+        expected = covariance(flat, prior) * np.outer(units, units)
         grid, ladle = self._ladle
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
@@ -259,8 +259,8 @@ class Planner:
 
 
 def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:
-    """Return how many shown units make one inner unit of each unknown (frames: mm, mrad), shape (12 + P,)."""
-    return np.array([1e3] * FRAMES + [p.shown_factor for p in parameters])
+    """Return how large the unit is that each unknown is shown in (frames: mm, mrad), (12 + P,), in its inner unit."""
+    return np.array([MM] * FRAMES + [p.shown_in[1] for p in parameters])
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import LIMITS
+from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
@@ -28,14 +29,6 @@ Condition = Literal["backlash", "compliance", "expansion"]
 DEFAULT_SETS = ("centres",)
 """Drives and U-joint centres: the errors that close exactly."""
 
-# Unit inside: unit shown, and how many of the shown make one inside.
-SHOWN_UNITS: dict[str, tuple[str, float]] = {
-    "m": ("mm", 1e3),
-    "rad": ("mrad", 1e3),
-    "m/N": ("µm/kN", 1e9),
-    "rad/Nm": ("mrad/kNm", 1e6),
-    "1/K": ("1e-6/K", 1e6),
-}
 # Unit and order of size, by the drive's unit: a worn screw; a leg of 1e8 N/m, a tilt drive of 1e6 Nm/rad; steel.
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
@@ -57,14 +50,9 @@ class PlannedParameter:
     local: GeometricParameter  # the local parameter; of the other kinds, the drive
 
     @property
-    def shown_unit(self) -> str:
-        """Unit at the user's edge."""
-        return SHOWN_UNITS[self.unit][0]
-
-    @property
-    def shown_factor(self) -> float:
-        """How many of the shown units make one inside."""
-        return SHOWN_UNITS[self.unit][1]
+    def shown_in(self) -> tuple[str, float]:
+        """Unit at the user's edge, and how large it is in the parameter's own."""
+        return shown_in(self.unit)
 
 
 def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerances: Tolerances) -> float:

@@ -16,8 +16,8 @@ from pouring_robot.estimation.identifiability import BaseParameters, observabili
 from pouring_robot.exceptions import BadInputError, some
 from pouring_robot.io.files import check_ending, write_whole
 from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, own_look, png_of
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis, command_box
@@ -175,8 +175,9 @@ class MeasurementPlan(Result):
             "priors": request.priors is not None,
             "indices": self.quality.indices,
             "parameters": [
-                {"name": p.name, "std": float(std * p.shown_factor), "unit": p.shown_unit}
+                {"name": p.name, "std": float(std / si), "unit": unit}
                 for p, std in zip(self.parameters, self.quality.parameter_std, strict=True)
+                for unit, si in (p.shown_in,)
             ],
             "left_out": list(self.left_out),
             "ladle": self.quality.ladle_figures(),

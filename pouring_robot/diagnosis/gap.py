@@ -23,8 +23,8 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
-from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 _FEWEST_BLOCKS = 2
 FEWEST_VALUES = 50

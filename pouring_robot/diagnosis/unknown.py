@@ -21,9 +21,9 @@ from pouring_robot.effects.families.joints import axis_parameters, place_paramet
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
+from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS
-from pouring_robot.mechanism.poses import MRAD
 from pouring_robot.robot.description.definition import Drive
 
 _USUAL = 0.3e-3

@@ -27,8 +27,8 @@ import numpy as np
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import Z95, FloatArray
-from pouring_robot.mechanism.poses import shown_in
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 LocalChanges = Mapping[str, FloatArray]

@@ -26,8 +26,8 @@ import numpy as np
 
 from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.units import MM, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_vectors
 
 Kind = Literal["position", "rotation", "distance", "closure"]

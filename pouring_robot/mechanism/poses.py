@@ -1,4 +1,4 @@
-"""Differences of poses, how joints stand within their limits, and the units of the user's edge: mm and mrad."""
+"""Differences of poses, and how joints stand within their limits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,19 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import UnreachablePoseError
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
-MM = 1e-3
-MRAD = 1e-3
 ROUND_OFF = 1e-9
 """Joint values are known to this, in m or rad: shorter steps of closures and of Newton are round-off, if they no longer
 shrink. What stands beyond a limit by no more stands on it."""
-
-
-def shown_in(unit: str) -> tuple[str, float]:
-    """Return in what lengths (``m``) and angles are shown at the user's edge, and how large that is, in m or rad."""
-    return ("mm", MM) if unit == "m" else ("mrad", MRAD)
 
 
 @dataclass(frozen=True, eq=False)

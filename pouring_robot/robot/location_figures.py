@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.io.units import MM, MRAD, joint_shown_in
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.location import LadleLocation, Location
 
 Figures = dict[str, Any]
@@ -89,7 +90,7 @@ def _limit_figures(location: Location) -> Figures:
     if not location.reach:
         return {}
     limiting = location.reach[0]
-    scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
+    unit, scale = joint_shown_in(limiting.unit)
     return {
         "limiting_joint": {
             "joint": limiting.joint,

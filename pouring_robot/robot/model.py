@@ -23,9 +23,9 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, TooLargeEr
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.given import expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate, yaml_text
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.description.urdf import carriers, parsed, perturb_urdf

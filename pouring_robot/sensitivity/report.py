@@ -12,8 +12,8 @@ import numpy as np
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_together
 from pouring_robot.io.tables import rows_csv
+from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
@@ -22,7 +22,7 @@ from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, 
 
 Range = tuple[float, float]
 Box = tuple[Range | None, Range | None, Range | None, Range | None]
-_SHOWN_IN = (("x", MM, "mm"), ("y", MM, "mm"), ("z", MM, "mm"), ("tilt", math.radians(1.0), "deg"))
+_SHOWN_IN = (("x", MM, "mm"), ("y", MM, "mm"), ("z", MM, "mm"), ("tilt", DEG, "deg"))
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
 _NOTHING_MM, _NOTHING_RAD = 1e-3, 1e-5
 """Below it an error counts as without influence."""
@@ -164,14 +164,12 @@ class SensitivityReport(Result):
         along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
         distance_mm, angle = float(samples.distance_m[k].max()) / MM, float(samples.angle_rad[k].max())
         mean, largest = samples.mean_m[k].tolist(), samples.peak_m[k].tolist()
-        error, unit = (
-            (self.request.length_m / MM, "mm") if parameter.unit == "m" else (self.request.angle_rad / MRAD, "mrad")
-        )
+        unit, size = shown_in(parameter.unit)
         return {
             "parameter": parameter.name,
             "part": parameter.part,
             "model": samples.kind,
-            "error": error,
+            "error": (self.request.length_m if parameter.unit == "m" else self.request.angle_rad) / size,
             "unit": unit,
             **{f"mean_{axis}_mm": value / MM for axis, value in zip("xyz", mean, strict=True)},
             **{f"largest_{axis}_mm": value / MM for axis, value in zip("xyz", largest, strict=True)},

@@ -9,8 +9,8 @@ from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, own_look, tidy
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter

@@ -1,6 +1,5 @@
 """The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
 
-import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -11,8 +10,8 @@ from pydantic import NonNegativeInt, PositiveFloat
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, closest
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
+from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 
 Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
 Kind = Literal["closed_chain", "open_branch"]
@@ -92,7 +91,7 @@ class Box(StrictModel):
         limits = np.array(layout)
         for k, pair in enumerate((self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)):
             if pair is not None:
-                limits[:, k] = np.array(pair) * (math.radians(1.0) if k == 3 else MM)
+                limits[:, k] = np.array(pair) * (DEG if k == 3 else MM)
         return limits
 
 

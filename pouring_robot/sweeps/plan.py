@@ -18,9 +18,9 @@ import pouring_robot
 from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
 from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.model import RobotModel

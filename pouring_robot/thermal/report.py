@@ -12,8 +12,9 @@ import numpy as np
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.tables import csv_text
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, bodies_at
+from pouring_robot.mechanism.poses import PoseDifference, bodies_at
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures

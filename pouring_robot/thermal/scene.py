@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, bodies_at
+from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.pouring.names import LEGS

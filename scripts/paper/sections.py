@@ -21,8 +21,8 @@ from sklearn.preprocessing import StandardScaler
 
 from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, grid
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import JointPlacement, RobotModel

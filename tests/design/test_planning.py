@@ -251,12 +251,12 @@ def test_expected_spread_is_that_of_simulated_fits(planner, plan):
     picked = rows[:, 0][..., [*frames, *range(12, rows.shape[-1])]].reshape(-1, rows.shape[-1] - 1)
     noise = random.normal(size=(len(picked), 4000))
     fitted = np.linalg.lstsq(picked, noise, rcond=None)[0]
-    factors = np.array([p.shown_factor for p in plan.parameters])
-    spread = fitted.std(axis=1)[11:] / factors
+    sizes = np.array([p.shown_in[1] for p in plan.parameters])
+    spread = fitted.std(axis=1)[11:] * sizes
     assert spread == pytest.approx(plan.quality.parameter_std, rel=0.05)
     work = Conditions(0)
     ladle, _ = planner.columns.ladle(plan.quality.ladle_poses[::97], work)
-    moved = ladle[..., [*frames, *range(12, ladle.shape[-1])]] / np.r_[[1e3] * 11, factors] @ fitted
+    moved = ladle[..., [*frames, *range(12, ladle.shape[-1])]] * np.r_[[1e-3] * 11, sizes] @ fitted
     assert moved.std(axis=-1) == pytest.approx(plan.quality.ladle_std[::97], rel=0.06)
 
 

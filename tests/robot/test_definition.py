@@ -80,7 +80,7 @@ def gantry(tmp_path):
     ("old", "new", "says"),
     [
         ("mm_per_turn: 10.0", "mm_per_turn: 10.0, zero: 50", "write 50 mm as 0.05"),
-        ("ratio: 0.5", "ratio: 0.5, zero: -90", "write -90 degrees as -1.5708"),
+        ("ratio: 0.5", "ratio: 0.5, zero: -90", "write -90 deg as -1.5708"),
         ("base_frame: base", "base_frame: arm", "base_frame 'arm' is carried by the drive 'shoulder'"),
     ],
 )

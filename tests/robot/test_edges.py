@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 from pouring_robot.exceptions import ClosureError, NoSolutionError, UnreachablePoseError
-from pouring_robot.mechanism.poses import MRAD
+from pouring_robot.io.units import MRAD
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, load_stiffness

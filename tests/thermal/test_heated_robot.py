@@ -5,7 +5,8 @@ import pytest
 
 from pouring_robot.compensation.pose import compensate
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.poses import PoseDifference, shown_in
+from pouring_robot.io.units import shown_in
+from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose

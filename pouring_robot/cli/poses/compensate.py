@@ -137,7 +137,7 @@ def _ladle(
 def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
     from pouring_robot.cli.poses.heat import unsettled_words
-    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.location_figures import decimals
 
     word = "" if len(found) == 1 else "largest: "
@@ -164,7 +164,7 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
 
 def _print_commands(found: Sequence[Compensation]) -> None:
     """Print one row a pose: what is wanted, and what to command."""
-    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.io.units import MM
     from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
     rows = []

@@ -11,7 +11,7 @@ import numpy as np
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS

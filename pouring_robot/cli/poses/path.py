@@ -93,7 +93,7 @@ def _at_once(
     import numpy as np
 
     from pouring_robot.io.tables import rows_csv
-    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
@@ -125,7 +125,7 @@ def _at_once(
 
 def _row(location: Location) -> Row:
     """Return the pose that was commanded, or where the drawing puts the working frame, and the error there."""
-    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.location import LadleLocation
 
     if isinstance(location, LadleLocation):

@@ -86,7 +86,7 @@ class Commanded:
         """Return the command as this robot takes it."""
         import numpy as np
 
-        from pouring_robot.mechanism.poses import MM
+        from pouring_robot.io.units import MM, joint_shown_in
 
         if (self.at_mm is None) == (self.drives is None):
             raise BadInputError("give a pose by --at-mm or drive values by --drives, one of the two")
@@ -98,15 +98,15 @@ class Commanded:
         if turn is not None:
             raise BadInputError("--tilt-deg and --rotation-deg belong to --at-mm, not to --drives")
         entries = robot.model.definition.drives
-        units = [(MM, "mm") if drive.unit == "m" else (np.radians(1.0), "deg") for drive in entries]
+        units = [joint_shown_in(drive.unit) for drive in entries]
         try:
             values = [float(part) for part in (self.drives or "").replace(",", " ").split()]
         except ValueError:
             values = []
         if len(values) != len(entries) or not np.isfinite(values).all():
-            wanted = ", ".join(f"{drive.joint} ({unit})" for drive, (_, unit) in zip(entries, units, strict=True))
+            wanted = ", ".join(f"{drive.joint} ({unit})" for drive, (unit, _) in zip(entries, units, strict=True))
             raise BadInputError(f"--drives '{self.drives}': give one number for each of {wanted}")
-        return np.array(values) * [factor for factor, _ in units]
+        return np.array(values) * [size for _, size in units]
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,7 @@ class Drawing:
         """Say the same of rows of its joints whose tips are known, (n, 3), in m."""
         import numpy as np
 
-        from pouring_robot.mechanism.poses import MM
+        from pouring_robot.io.units import MM
         from pouring_robot.robot.export.closed import ClosedRobot
 
         tree = ClosedRobot.of(model)

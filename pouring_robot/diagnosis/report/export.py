@@ -13,7 +13,8 @@ from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentenc
 from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked
-from pouring_robot.mechanism.poses import MM, pose_figures
+from pouring_robot.io.units import MM
+from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
 

@@ -15,8 +15,8 @@ from pouring_robot.diagnosis.report.sentences import (
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import Z95
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
 _ADDED = (

@@ -19,8 +19,8 @@ from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import variances_of
+from pouring_robot.io.units import MM, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
-from pouring_robot.mechanism.poses import MM, shown_in
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6

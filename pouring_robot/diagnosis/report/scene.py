@@ -21,9 +21,10 @@ from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import noise_beforehand
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, bodies_at
+from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places

@@ -29,8 +29,8 @@ from pouring_robot.inference.explanations import Explanation, Nuisance, Problem,
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import reference_degC
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose

@@ -21,8 +21,8 @@ from pouring_robot.inference.discrimination import Prediction, choose, expected,
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import RobotDefinition
 
 MOST = 10

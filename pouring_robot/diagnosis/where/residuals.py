@@ -12,8 +12,8 @@ import scipy.special
 
 from pouring_robot.estimation.instruments import LEAST_NOISE, are
 from pouring_robot.inference.explanations import Nuisance
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
-from pouring_robot.mechanism.poses import MM, MRAD, shown_in
 
 
 @dataclass(frozen=True, eq=False)

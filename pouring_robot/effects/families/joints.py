@@ -7,7 +7,7 @@ import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.robot.tolerances import Kinds, Tolerances
 
 Parameters = tuple[EffectParameter, ...]

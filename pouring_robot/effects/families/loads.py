@@ -9,8 +9,8 @@ from numpy.polynomial.legendre import legvander
 
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drive, of_drives
 from pouring_robot.effects.conditions import FORCE, Conditions
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 
 _LATER = 0.2
 _LEAST = 1e-4

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 
 _ROUND_M, _ROUND_RAD = 1e-4, math.radians(1e-2)
 
@@ -25,8 +25,8 @@ class CommandAxis:
     zero: float = 0.0
 
     @property
-    def _shown(self) -> tuple[str, float, int]:
-        return ("mm", MM, 1) if self.quantity.kind == "length" else ("deg", math.radians(1.0), 2)
+    def _shown(self) -> tuple[str, float]:
+        return joint_shown_in("m" if self.quantity.kind == "length" else "rad")
 
     @property
     def heading(self) -> str:
@@ -44,7 +44,7 @@ class CommandAxis:
 
     def text(self, value: float) -> str:
         """Return the same as a round figure."""
-        return f"{self.shown(value):.{self._shown[2]}f}"
+        return f"{self.shown(value):.{1 if self.quantity.kind == 'length' else 2}f}"
 
 
 def command_box(axes: Sequence[CommandAxis]) -> tuple[FloatArray, FloatArray]:

@@ -27,12 +27,12 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.typed_yaml import validate, yaml_text
+from pouring_robot.io.units import MM, joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.pinocchio_model import change_joints
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveEntry, RobotFile
 from pouring_robot.robot.description.urdf import (
@@ -213,7 +213,7 @@ class RobotDefinition:
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
             least, most = min(2.0 * lower - upper, -whole), max(2.0 * upper - lower, whole)
             if not least <= drive.zero <= most:
-                unit, si = ("mm", MM) if drive.unit == "m" else ("degrees", math.radians(1.0))
+                unit, si = joint_shown_in(drive.unit)
                 problem = f"drive '{drive.joint}': zero {drive.zero:g} {drive.unit} is nowhere near its range"
                 mend = f"zero is in m or rad: write {drive.zero:g} {unit} as {drive.zero * si:.6g}"
                 raise DescriptionError(self.path, f"{problem}; {mend}")

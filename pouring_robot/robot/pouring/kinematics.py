@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.io.given import expect
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, ROUND_OFF, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import ROUND_OFF, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 

@@ -16,8 +16,8 @@ from ruamel.yaml.comments import CommentedMap
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import yaml_text
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, grid
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.kinematics import chain_joints
 from pouring_robot.robot.pouring.layout import load_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS

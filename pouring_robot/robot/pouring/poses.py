@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import finite
-from pouring_robot.mechanism.poses import MM
 
 
 @dataclass(frozen=True)

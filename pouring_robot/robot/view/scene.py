@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
+from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location

@@ -14,8 +14,8 @@ from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import new_figure, own_look, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result

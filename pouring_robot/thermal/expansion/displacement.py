@@ -11,8 +11,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.expansion.heated_robot import WarmState

@@ -29,8 +29,8 @@ from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, rms
-from pouring_robot.mechanism.poses import MM
 
 if TYPE_CHECKING:
     from pouring_robot.thermal.regression.table import ErrorTable

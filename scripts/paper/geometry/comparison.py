@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.sensitivity.samples import AXES
 from scripts.paper.geometry.study import LENGTH_ERROR_M, POSITION_BOUNDARY_M, ErrorSamples, GeometryStudy, error_size
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.robot.pouring.names import CHAINS
 from scripts.paper.claims import Claim, judge, listed
 from scripts.paper.geometry.study import POSITION_BOUNDARY_M, GeometryStudy

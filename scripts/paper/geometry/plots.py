@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
 from pouring_robot.sensitivity.samples import AXES
 from scripts.paper.geometry.comparison import axis_rows

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.io.tables import rows_csv
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.report.plots import png_of
 from pouring_robot.sensitivity.samples import box_plots, distributions
 from scripts.paper.claims import COLUMNS, Claim

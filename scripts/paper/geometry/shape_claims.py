@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.sensitivity.samples import AXES, median_place, peak, uniform_gap
 from scripts.paper.claims import Claim, judge, listed
 from scripts.paper.geometry.study import ANGLE_ERROR_RAD, NAMED_SENSITIVE, PILE_M, ErrorSamples, OpenStudy

@@ -9,8 +9,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.sensitivity.samples import short_label
 from scripts.paper.claims import Claim, judge, listed
 from scripts.paper.geometry.study import (

@@ -21,9 +21,9 @@ import pinocchio as pin
 from pouring_robot.batch import BatchCommand
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.dh.table import DHParameter, DHTable
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
 from scripts.paper.claims import Claim, judge
 from scripts.paper.thermal.regression_claims import judge_regression
 from scripts.paper.thermal.study import LADLE_STEEL_DEGC, ThermalStudy

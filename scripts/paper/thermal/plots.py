@@ -6,7 +6,7 @@ import numpy as np
 from scipy.cluster.hierarchy import dendrogram
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
 from pouring_robot.thermal.page import draw_legs
 from scripts.paper.thermal.regression import compare, joint_of

@@ -6,7 +6,7 @@ their own and have no part in any verdict.
 
 from __future__ import annotations
 
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.thermal.regression.methods import COMPONENTS, HELPS_BELOW, PAPER
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT
 from pouring_robot.thermal.regression.thermal_model import Remains

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.io.tables import csv_text
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.io.units import MM
 from pouring_robot.thermal.regression.methods import METHODS
 from pouring_robot.thermal.regression.table import ErrorTable
 from scripts.paper.claims import COLUMNS, Claim
