@@ -30,7 +30,7 @@ from pouring_robot.estimation.map_fit import (
     seen_from_one_place,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
-from pouring_robot.estimation.noise import noise_beforehand, repeats
+from pouring_robot.estimation.repeats import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError

@@ -16,8 +16,9 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
-from pouring_robot.estimation.instruments import KINDS, NoiseLevel, are, kind_of
+from pouring_robot.estimation.kinds import KINDS, are, kind_of
 from pouring_robot.estimation.map_fit import Fit
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms

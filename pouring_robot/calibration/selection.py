@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.instruments import KINDS, kind_of
+from pouring_robot.estimation.kinds import KINDS, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses

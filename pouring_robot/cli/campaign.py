@@ -58,7 +58,7 @@ def plan(
     from pouring_robot.design.planning import Planner, compare_with_random
     from pouring_robot.design.request import PlanRequest
     from pouring_robot.design.result import plot
-    from pouring_robot.estimation.instruments import NoiseLevel
+    from pouring_robot.estimation.noise import NoiseLevel
     from pouring_robot.io.files import check_ending
     from pouring_robot.io.tables import CSV_SUFFIXES
     from pouring_robot.robot.tolerances import Tolerances

@@ -32,8 +32,8 @@ from scipy.stats import qmc
 from pouring_robot.design.request import PlannedParameter
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
-from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2

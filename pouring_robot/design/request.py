@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import LIMITS

@@ -25,9 +25,10 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.instruments import are, component_name, unit_of
+from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
-from pouring_robot.estimation.noise import largest_noise, noise_beforehand
+from pouring_robot.estimation.noise import largest_noise
+from pouring_robot.estimation.repeats import noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor

@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis

@@ -17,7 +17,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
-from pouring_robot.estimation.instruments import LENGTHS, are, component_name, kinds_of
+from pouring_robot.estimation.kinds import LENGTHS, are, component_name, kinds_of
 from pouring_robot.estimation.splits import KNOWN
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Problem

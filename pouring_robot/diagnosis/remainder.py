@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import component_unit, table_of
-from pouring_robot.estimation.instruments import component_name
+from pouring_robot.estimation.kinds import component_name
 from pouring_robot.inference.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray, rms
 

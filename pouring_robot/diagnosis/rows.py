@@ -24,9 +24,9 @@ from pouring_robot.effects.registry import changes_by_stack, local_changes, stac
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
-from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices

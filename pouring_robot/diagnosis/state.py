@@ -10,7 +10,8 @@ from pouring_robot.diagnosis.parameters import FoundByKey, FoundParameter, Named
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
+from pouring_robot.estimation.kinds import Kind, are
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem

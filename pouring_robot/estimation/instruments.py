@@ -18,48 +18,16 @@ columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.units import MM, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_vectors
-
-Kind = Literal["position", "rotation", "distance", "closure"]
-KINDS: tuple[Kind, ...] = ("position", "rotation", "distance", "closure")
-LENGTHS: tuple[Kind, ...] = ("position", "distance", "closure")
-_FIRST = (0, 3, 6, 7)
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
-Source = Literal["stated", "repeats", "residuals", "none"]
-LEAST_NOISE = 1e-6
-"""In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
-device that robots are measured with reads better."""
-
-
-def kind_of(components: Indices) -> Indices:
-    """Return the place in :data:`KINDS` of components, same shape."""
-    return np.asarray(np.searchsorted(_FIRST, components, side="right") - 1, dtype=np.intp)
-
-
-def kinds_of(components: Indices) -> tuple[Kind, ...]:
-    """Return which kinds components are of, each once."""
-    return tuple(KINDS[place] for place in np.unique(kind_of(components)).tolist())
-
-
-def are(kind: Kind, components: Indices) -> BoolArray:
-    """Return which components are of a kind, same shape."""
-    return np.asarray(kind_of(components) == KINDS.index(kind), dtype=np.bool_)
-
-
-def component_name(component: int) -> str:
-    """Return what a component is called: ``x``, ``rz``, ``distance``, ``closure``, ``closure_2``."""
-    last = len(_COMPONENTS) - 1
-    return _COMPONENTS[component] if component <= last else f"{_COMPONENTS[last]}_{component - last + 1}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,129 +183,3 @@ class Closures(Instrument):
         if prediction.disagreement is None:
             raise BadInputError("the prediction's engine knows nothing of redundant drives")
         return -prediction.disagreement
-
-
-@dataclass(frozen=True)
-class Noise:
-    """The noise of one kind of instrument."""
-
-    sigma: float = 1e-3  # standard deviation of a component, in m or rad
-    source: Source = "none"  # where the figure comes from; ``none``: nothing of the kind was measured
-    freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.freedoms`
-
-
-def unit_of(kind: Kind) -> tuple[str, float]:
-    """Return the unit that a kind is shown in, and how large it is (SI)."""
-    return shown_in("rad" if kind == "rotation" else "m")
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """The noise of every kind."""
-
-    kinds: Mapping[Kind, Noise]  # a kind that is left out was not measured
-
-    @classmethod
-    def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
-        """Return the noise of a device; None: it measures positions only."""
-        rotation = Noise() if rotation_rad is None else Noise(rotation_rad, "stated")
-        return cls({"position": Noise(position_m, "stated"), "rotation": rotation})
-
-    def __getitem__(self, kind: Kind) -> Noise:
-        """Return the noise of a kind."""
-        return self.kinds.get(kind, Noise())
-
-    @property
-    def position_m(self) -> float:
-        """Standard deviation of a coordinate, in m."""
-        return self["position"].sigma
-
-    @property
-    def rotation_rad(self) -> float:
-        """Standard deviation of a rotation component, in rad."""
-        return self["rotation"].sigma
-
-    def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
-        """Return other sizes, none below :data:`LEAST_NOISE`."""
-        changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
-        return NoiseLevel({**self.kinds, **changed})
-
-    def apart(self, other: NoiseLevel) -> float:
-        """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
-        return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.open_kinds), default=0.0)
-
-    @property
-    def measured(self) -> tuple[Kind, ...]:
-        """The kinds that were measured."""
-        return tuple(kind for kind in KINDS if self[kind].source != "none")
-
-    @property
-    def words(self) -> str:
-        """The sizes of what was measured, in words."""
-        units = {kind: unit_of(kind) for kind in self.measured}
-        return " and ".join(f"{self[kind].sigma / si:.2g} {unit}" for kind, (unit, si) in units.items())
-
-    @property
-    def least_words(self) -> str:
-        """What stands for the noise where hardly anything is left over, in words; "" where that is not so."""
-        exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
-        if not exact:
-            return ""
-        keys = ", ".join(f"sigma_{kind}_{unit_of(kind)[0]}" for kind in exact)
-        least = f"{LEAST_NOISE / MM:g} mm or mrad"
-        return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
-
-    @property
-    def open_kinds(self) -> tuple[Kind, ...]:
-        """The kinds whose noise is what a fit leaves over."""
-        return tuple(kind for kind in KINDS if self[kind].source == "residuals")
-
-    def unseen(self, components: Indices) -> str:
-        """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
-        seen = kinds_of(components)
-        missing = [kind for kind in self.measured if kind not in seen]
-        return f" (no {' and no '.join(missing)} measured)" if missing else ""
-
-    @property
-    def length_kind(self) -> Kind:
-        """What counts as length: positions, or what was measured in their stead."""
-        return next((kind for kind in LENGTHS if kind in self.measured), "position")
-
-    @property
-    def length_m(self) -> float:
-        """Standard deviation of that, in m."""
-        return self[self.length_kind].sigma
-
-    def figures(self) -> dict[str, float | str | None]:
-        """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
-        found: dict[str, float | str | None] = {}
-        for kind in KINDS:
-            (unit, si), seen = unit_of(kind), kind in self.measured
-            if seen or kind in ("position", "rotation"):
-                found[f"{kind}_{unit}"] = self[kind].sigma / si if seen else None
-                found[f"{kind}_source"] = self[kind].source
-        return found
-
-    @property
-    def turned(self) -> bool:
-        """Whether rotations were measured."""
-        return "rotation" in self.measured
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviation of each measured component of a pose, shape (6,) or (3,), in m and rad."""
-        return np.repeat([self.position_m, self.rotation_rad] if self.turned else [self.position_m], 3)
-
-    @property
-    def freedoms(self) -> float:
-        """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.
-
-        A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
-        follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
-        """
-        return min((noise.freedoms for noise in self.kinds.values()), default=float("inf"))
-
-    @property
-    def from_residuals(self) -> bool:
-        """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
-        return bool(self.open_kinds)

@@ -25,9 +25,10 @@ from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.instruments import Kind, NoiseLevel, are
+from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, FrameFitError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray

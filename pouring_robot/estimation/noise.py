@@ -1,74 +1,148 @@
-"""The noise of a campaign: as stated, or from repeats of a pose.
+"""The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
-Where it is neither, a fit says what it leaves over: ``estimation.map_fit.noise_left_over`` when a robot is calibrated,
-``diagnosis.diagnose`` after each search.
+Before a fit it is as stated, or the scatter of repeats (:mod:`pouring_robot.estimation.repeats`). Where it is neither,
+:meth:`NoiseLevel.times` takes it from what a fit leaves over: in calibrations
+:func:`pouring_robot.estimation.map_fit.noise_left_over`, in diagnoses :func:`pouring_robot.diagnosis.state.noise_left`.
+From where on that is too large to pass for noise, :func:`largest_noise` says.
 """
 
-from collections.abc import Iterable
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.instruments import KINDS, LEAST_NOISE, Kind, Noise, NoiseLevel, are
-from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
-_FEWEST_FREEDOMS = 12
-_SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
+Source = Literal["stated", "repeats", "residuals", "none"]
+LEAST_NOISE = 1e-6
+"""In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
+device that robots are measured with reads better."""
 
 
-def commands(drives: FloatArray) -> NDArray[np.int64]:
-    """Return commanded drives (n, D), in m and rad, as whole numbers that are equal where the command is the same."""
-    return np.round(drives / _SAME_DRIVE).astype(np.int64)
+@dataclass(frozen=True)
+class Noise:
+    """The noise of one kind of instrument."""
+
+    sigma: float = 1e-3  # standard deviation of a component, in m or rad
+    source: Source = "none"  # where the figure comes from; ``none``: nothing of the kind was measured
+    freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.freedoms`
 
 
-def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
-    """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
-    drives = commands(campaign.drives[rows])
-    approach = np.zeros((rows.size, 1)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for k, row in enumerate(rows.tolist()):
-        key = (campaign.sessions[row], *drives[k].tolist(), *approach[k].tolist())
-        groups.setdefault(key, []).append(row)
-    return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+@dataclass(frozen=True)
+class NoiseLevel:
+    """The noise of every kind."""
 
+    kinds: Mapping[Kind, Noise]  # a kind that is left out was not measured
 
-def repeat_noise(measured: MeasuredPoses, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:
-    """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
-    sums, freedoms = np.zeros(2), np.zeros(2)
-    for rows in groups:
-        for column in measured.position_m[rows].T:
-            values = column[np.isfinite(column)]
-            if values.size > 1:
-                sums[0] += float(((values - values.mean()) ** 2).sum())
-                freedoms[0] += values.size - 1
-        turned = measured.rotation[rows][np.isfinite(measured.rotation[rows]).all(axis=(1, 2))]
-        if len(turned) > 1:
-            stack = Rotation.from_matrix(turned)
-            sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
-            freedoms[1] += 3 * (len(turned) - 1)
-    found = [
-        Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
-        if freedom >= _FEWEST_FREEDOMS and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
-        else None
-        for total, freedom in zip(sums, freedoms, strict=True)
-    ]
-    return found[0], found[1]
+    @classmethod
+    def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
+        """Return the noise of a device; None: it measures positions only."""
+        rotation = Noise() if rotation_rad is None else Noise(rotation_rad, "stated")
+        return cls({"position": Noise(position_m, "stated"), "rotation": rotation})
 
+    def __getitem__(self, kind: Kind) -> Noise:
+        """Return the noise of a kind."""
+        return self.kinds.get(kind, Noise())
 
-def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
-    """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
-    measured, facts = MeasuredPoses.from_campaign(campaign, NoiseLevel({})), campaign.metadata
-    stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
-    scatter = (*repeat_noise(measured, repeats(campaign, rows)), None, None)
-    there = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
-    found: dict[Kind, Noise] = {}
-    for kind, given, seen in zip(KINDS, stated, scatter, strict=True):
-        noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
-        found[kind] = noise if kind in there else Noise(noise.sigma)
-    return NoiseLevel(found)
+    @property
+    def position_m(self) -> float:
+        """Standard deviation of a coordinate, in m."""
+        return self["position"].sigma
+
+    @property
+    def rotation_rad(self) -> float:
+        """Standard deviation of a rotation component, in rad."""
+        return self["rotation"].sigma
+
+    def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
+        """Return other sizes, none below :data:`LEAST_NOISE`."""
+        changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
+        return NoiseLevel({**self.kinds, **changed})
+
+    def apart(self, other: NoiseLevel) -> float:
+        """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
+        return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.open_kinds), default=0.0)
+
+    @property
+    def measured(self) -> tuple[Kind, ...]:
+        """The kinds that were measured."""
+        return tuple(kind for kind in KINDS if self[kind].source != "none")
+
+    @property
+    def words(self) -> str:
+        """The sizes of what was measured, in words."""
+        units = {kind: unit_of(kind) for kind in self.measured}
+        return " and ".join(f"{self[kind].sigma / si:.2g} {unit}" for kind, (unit, si) in units.items())
+
+    @property
+    def least_words(self) -> str:
+        """What stands for the noise where hardly anything is left over, in words; "" where that is not so."""
+        exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
+        if not exact:
+            return ""
+        keys = ", ".join(f"sigma_{kind}_{unit_of(kind)[0]}" for kind in exact)
+        least = f"{LEAST_NOISE / MM:g} mm or mrad"
+        return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
+
+    @property
+    def open_kinds(self) -> tuple[Kind, ...]:
+        """The kinds whose noise is what a fit leaves over."""
+        return tuple(kind for kind in KINDS if self[kind].source == "residuals")
+
+    def unseen(self, components: Indices) -> str:
+        """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
+        seen = kinds_of(components)
+        missing = [kind for kind in self.measured if kind not in seen]
+        return f" (no {' and no '.join(missing)} measured)" if missing else ""
+
+    @property
+    def length_kind(self) -> Kind:
+        """What counts as length: positions, or what was measured in their stead."""
+        return next((kind for kind in LENGTHS if kind in self.measured), "position")
+
+    @property
+    def length_m(self) -> float:
+        """Standard deviation of that, in m."""
+        return self[self.length_kind].sigma
+
+    def figures(self) -> dict[str, float | str | None]:
+        """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
+        found: dict[str, float | str | None] = {}
+        for kind in KINDS:
+            (unit, si), seen = unit_of(kind), kind in self.measured
+            if seen or kind in ("position", "rotation"):
+                found[f"{kind}_{unit}"] = self[kind].sigma / si if seen else None
+                found[f"{kind}_source"] = self[kind].source
+        return found
+
+    @property
+    def turned(self) -> bool:
+        """Whether rotations were measured."""
+        return "rotation" in self.measured
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviation of each measured component of a pose, shape (6,) or (3,), in m and rad."""
+        return np.repeat([self.position_m, self.rotation_rad] if self.turned else [self.position_m], 3)
+
+    @property
+    def freedoms(self) -> float:
+        """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.
+
+        A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
+        follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
+        """
+        return min((noise.freedoms for noise in self.kinds.values()), default=float("inf"))
+
+    @property
+    def from_residuals(self) -> bool:
+        """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
+        return bool(self.open_kinds)
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:

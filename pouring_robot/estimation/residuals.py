@@ -14,17 +14,10 @@ import scipy.special
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import (
-    KINDS,
-    Closures,
-    Distances,
-    Instrument,
-    NoiseLevel,
-    Places,
-    Turns,
-    kind_of,
-)
+from pouring_robot.estimation.instruments import Closures, Distances, Instrument, Places, Turns
+from pouring_robot.estimation.kinds import KINDS, kind_of
 from pouring_robot.estimation.measurement import Differentiated, Prediction
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
@@ -37,7 +30,7 @@ class MeasuredPoses(PoseStack):
     """What was measured of n rows, with its noise: a stack of poses, and what other instruments read.
 
     Poses are those of the target in the tracker frame, NaN where missing; a rotation counts only with all three
-    components. Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six,
+    components. Components stand in the order of :mod:`pouring_robot.estimation.kinds`; there are K of them: six,
     more with distances or redundant drives.
     """
 
@@ -126,7 +119,7 @@ class WhitenedEquations(Differentiated):
     residual: FloatArray  # shape (m,): measured minus predicted over sigma
     jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
     rows: Indices  # row each equation comes from, shape (m,)
-    components: Indices  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
+    components: Indices  # numbered as in :mod:`pouring_robot.estimation.kinds`, shape (m,)
     failed: Indices  # rows that were measured but have no prediction
 
 

@@ -26,9 +26,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.map_fit import Fit, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel, prior_std
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole

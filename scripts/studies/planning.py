@@ -18,7 +18,7 @@ from dataclasses import replace
 
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random
 from pouring_robot.design.request import PlanRequest
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.units import MM
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances

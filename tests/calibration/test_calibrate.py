@@ -14,8 +14,8 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.instruments import LEAST_NOISE
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
+from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry

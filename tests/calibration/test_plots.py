@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 
 from pouring_robot.calibration.plots import plots
-from pouring_robot.estimation.instruments import Noise, NoiseLevel
+from pouring_robot.estimation.noise import Noise, NoiseLevel
 
 
 def marks(svg):

@@ -20,7 +20,7 @@ from pouring_robot.calibration.report import (
     split_line,
 )
 from pouring_robot.calibration.summary import calibration_metrics
-from pouring_robot.estimation.instruments import Noise, NoiseLevel
+from pouring_robot.estimation.noise import Noise, NoiseLevel
 from pouring_robot.mechanism.arrays import Z95
 
 

@@ -24,7 +24,7 @@ from pouring_robot.design.planning import Comparison, Planner, compare_with_rand
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads

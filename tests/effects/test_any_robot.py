@@ -20,7 +20,7 @@ from pouring_robot.effects.families.drives import Scale
 from pouring_robot.effects.made_up import complete_conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import MissingConditionsError
 from pouring_robot.inference.processes import columns_of
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry

@@ -14,10 +14,11 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.instruments import KINDS, NoiseLevel, component_name, kind_of
+from pouring_robot.estimation.kinds import KINDS, component_name, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.noise import noise_beforehand
+from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.repeats import noise_beforehand
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.parameters import DriveParameter

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.instruments import NoiseLevel
 from pouring_robot.estimation.levenberg_marquardt import Search
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import robust_terms, whiten
 from pouring_robot.exceptions import CalibrationError
 from tests.estimation.virtual import SIGMA, Virtual, model_of

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.estimation.instruments import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.rotations import inverse_right_jacobians

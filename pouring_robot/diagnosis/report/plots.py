@@ -15,7 +15,7 @@ from pouring_robot.effects.base import Effect, EffectParameter, channel
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import Axis, axis_over, of_drives
 from pouring_robot.estimation.changes import SCALE
-from pouring_robot.estimation.instruments import KINDS, are, component_name
+from pouring_robot.estimation.kinds import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import variances_of

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.estimation.instruments import LEAST_NOISE, are
+from pouring_robot.estimation.kinds import are
+from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
