@@ -19,10 +19,11 @@ from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
 from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.io.units import MM
-from pouring_robot.mechanism.arrays import FloatArray, grid
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.command import command_box
+from pouring_robot.robot.description.drawing import agreed
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import Robot
@@ -308,7 +309,10 @@ def sweep_commands(config: SweepConfig, robot: Robot) -> BatchCommand:
 
 
 def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
-    """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes."""
+    """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes.
+
+    Redundant drives that are drawn are made to agree.
+    """
     choice, drawing = config.poses, robot.drawing
     if choice.grid is not None or (choice.random is not None and choice.random.box != Box()):
         raise config.problem("grid and box are of the pouring robot; give random: {count, seed}, or a file of drives")
@@ -317,7 +321,7 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
         if not all(isinstance(command, np.ndarray) for command in listed.values()):
             raise config.problem("poses.file: give a column for each drive")
         commands = drawing.commands(np.array(list(listed.values())))
-        lost = ~drawing.in_reach(commands.start)
+        lost = ~_stands(robot, commands)
         if lost.any():
             line = list(listed)[int(np.argmax(lost))]
             raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
@@ -326,11 +330,17 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
     box = command_box(robot.command_axes)
     found = np.empty((0, box[0].size))
     for _ in range(_MOST_ROUNDS):
-        drawn = generator.uniform(*box, size=(count, box[0].size))
-        found = np.concatenate([found, drawn[drawing.in_reach(drawing.starts(drawn))]])
+        drawn = agreed(drawing, generator.uniform(*box, size=(count, box[0].size)))
+        found = np.concatenate([found, drawn[_stands(robot, drawing.commands(drawn))]])
         if len(found) >= count:
             return drawing.commands(found[:count])
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")
+
+
+def _stands(robot: Robot, commands: BatchCommand) -> BoolArray:
+    """Return where the drawing closes within its joints' limits, and redundant drives agree, (n,)."""
+    engine = engine_for(robot.drawing.mechanism, options=robot.nominal_solver.options)
+    return robot.drawing.in_reach(commands.start) & engine.close(commands.drives, commands.start).closed
 
 
 def _wanted(config: SweepConfig, robot: PouringRobot) -> tuple[FloatArray, list[int]]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.robot import Robot
 from pouring_robot.sweeps import SweepConfig, SweepPlan, sweep
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.robot.test_robot import NAMES, ROBOTS
@@ -60,6 +61,21 @@ def test_what_is_of_the_pouring_robot_is_refused(tmp_path, poses, says):
     text = STUDY.format(robot=ROBOTS / "five_bar" / "robot.yaml", study="one_at_a_time")
     (tmp_path / "s.yaml").write_text(text.replace("poses: {random: {count: 4, seed: 1}}", poses), encoding="utf-8")
     with pytest.raises(BadInputError, match=says):
+        SweepPlan.load(tmp_path / "s.yaml")
+
+
+def test_redundant_drives_agree_where_a_robot_is_sent(tmp_path):
+    """Four lines hold a point: lengths drawn one by one disagree by metres, and no pose has them."""
+    robot = Robot.load("examples/machines/hangprinter/robot.yaml")
+    text = STUDY.format(robot=robot.model.robot_path, study="one_at_a_time")
+    (tmp_path / "s.yaml").write_text(text, encoding="utf-8")
+    drives = SweepPlan.load(tmp_path / "s.yaml").poses.drives
+    assert (robot.locate_drives(drives).status == "closed").all()
+    (tmp_path / "p.csv").write_text(
+        "line_a_deg,line_b_deg,line_c_deg,line_d_deg\n0,0,0,0\n9e3,0,0,0\n", encoding="utf-8"
+    )
+    (tmp_path / "s.yaml").write_text(text.replace("random: {count: 4, seed: 1}", "file: p.csv"), encoding="utf-8")
+    with pytest.raises(BadInputError, match="line 3: the robot does not close there"):
         SweepPlan.load(tmp_path / "s.yaml")
 
 
