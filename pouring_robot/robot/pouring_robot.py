@@ -15,9 +15,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
@@ -128,9 +128,10 @@ class PouringRobot(Robot):
 
     def path_dataset(self, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
         """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
-        within = self.kinematics.within_limits
-        reachable = within(command.start.joints) & (~closed.closed | within(closed.joints))
-        return self._dataset(command.start, closed, reachable, _commanded(command.poses))
+        return self._dataset(command.start, closed, self._in_reach(command.start, closed), _commanded(command.poses))
+
+    def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
+        return super()._in_reach(start, closed) & (~closed.closed | self.kinematics.within_limits(closed.joints))
 
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
         return self.locate(self.kinematics.forward(self.kinematics.mechanism.named_drives(drives)))

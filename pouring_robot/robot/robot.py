@@ -162,7 +162,11 @@ class Robot:
             "unit": ("drive", units),
             "commanded_drives": (("pose", "drive"), commanded),
         }
-        return self._dataset(start, closed, self.drawing.in_reach(start) | (answered & ~closed.closed), coordinates)
+        return self._dataset(start, closed, self._in_reach(start, closed) | (answered & ~closed.closed), coordinates)
+
+    def _in_reach(self, start: BatchStart, closed: BatchClosure) -> NDArray[np.bool_]:
+        """Return where the joints' limits allow the drawing's poses, and those as built where they count, (n,)."""
+        return self.drawing.in_reach(start)
 
     def _dataset(
         self, start: BatchStart, closed: BatchClosure, reachable: NDArray[np.bool_], coordinates: Mapping[str, Any]

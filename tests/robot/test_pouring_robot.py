@@ -96,6 +96,8 @@ def test_a_joint_of_the_robot_as_built_beyond_its_limits_is_refused(drawing):
     with pytest.raises(UnreachablePoseError) as found:
         longer.forward(drawing.kinematics.inverse(pose))
     assert str(found.value) == str(located.value)
+    for many in (longer.locate([pose]), longer.locate_drives([longer.drives_of(pose)])):
+        assert many.status.values.tolist() == ["out of reach"]
 
 
 def test_axis_weakness_is_what_a_tilted_axis_does():
