@@ -21,7 +21,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch import engine_for
-from pouring_robot.campaign.columns import approach_names, arrays_from, condition_headings
+from pouring_robot.campaign.columns import arrays_from, condition_headings
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
@@ -171,9 +171,8 @@ class RobotUnderConditions:
         """Return the commands as rows of a campaign in which nothing was measured."""
         count = len(drives)
         numbers = {name: values for name, values in self.given.items() if name != "session"}
-        sides = approach_names(self.definition)
-        if count > 1 and not any(name in numbers for name in sides):
-            numbers |= approaches(self.definition, drives)
+        if count > 1:
+            numbers = approaches(self.definition, drives) | numbers
         commanded = zip(self.definition.drives, drives.T, strict=True)
         try:
             numbers = {name: np.broadcast_to(values, (count,)) for name, values in numbers.items()}

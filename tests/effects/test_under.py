@@ -152,6 +152,9 @@ def test_sides_of_approach_follow_from_the_order(bench):
     np.testing.assert_allclose(np.abs(offsets), 0.2, atol=1e-12)
     down = np.sign(offsets[0][0])  # the first rose
     assert np.sign(offsets).tolist() == [[down, down, -down], [down, down, -down]]
+    told = {"payload_kg": 200.0, "approach_q2": [1.0, 1.0, -1.0]}  # of one drive; the others follow all the same
+    partly = [robot.model.drive_offsets["leg1_s3"].offset_mm for robot in robots_under(model, poses, told)]
+    assert partly == offsets[0]
     with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q2"):
         robots_under(model, poses[:1], {"payload_kg": 200.0})
 
