@@ -5,6 +5,7 @@ import pickle
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, _under_effects, calibrate
@@ -22,9 +23,10 @@ from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
+from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
 from tests.effects.bench import EFFECTS, Bench
-from tests.support import ACTUAL, LEARNED
+from tests.support import ACTUAL, LEARNED, gantry_file
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +106,15 @@ def test_effects_that_nobody_learned_in_some_rows_are_told(clean):
     assert re.fullmatch(
         r"tilt_encoder_eccentricity of .* was not learned at the angles of \d+ of 60 rows: taken as none there", told
     )
+
+
+def test_a_robot_of_slides_that_meet_in_a_point_is_calibrated(tmp_path):
+    """Its size is how far they go: by what stands between them it had none, and any error was too large for it."""
+    drawing = Robot.load(gantry_file(tmp_path)).model
+    assert drawing.definition.reach_m == pytest.approx(2.1 + 1.5 + 0.8)
+    robot = Robot(drawing.displaced({"y_slide": pin.SE3(pin.exp3(np.array([0.0, 0.0, 5e-3])), np.zeros(3))}, {}))
+    found = calibrate(measure(robot).campaign, drawing, CalibrationOptions(parameters=("y_slide.r?",)))
+    assert found.calibrated.joint_placements["y_slide"].rotation_mrad[2] == pytest.approx(5.0, abs=0.5)
 
 
 def test_the_test_block_is_not_looked_at(real):

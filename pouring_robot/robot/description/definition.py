@@ -260,8 +260,11 @@ class RobotDefinition:
 
     @functools.cached_property
     def reach_m(self) -> float:
-        """Length of the longest way from the root to a joint, stretched out, in m; the robot's size."""
-        return reach(self.urdf(), self.file.home)
+        """Length of the longest way from the root to a joint, stretched out, in m; the robot's size.
+
+        Slides within loops, which hold them near the home, count by it alone.
+        """
+        return reach(self.urdf(), self.file.home, () if self.loops.loops else [drive.joint for drive in self.drives])
 
     @property
     def drawn_fit(self) -> ClosureOptions:

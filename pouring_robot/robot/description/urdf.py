@@ -8,7 +8,7 @@ DescriptionError.
 
 import contextlib
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -68,14 +68,19 @@ def text(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def reach(urdf: str, values: Mapping[str, float]) -> float:
-    """Return the longest way from the root to a link, stretched out, in m; slides count with their values (m)."""
+def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> float:
+    """Return the longest way from the root to a link, stretched out, in m.
+
+    Slides count with their values (m), or, where these are zero, with how far they are driven.
+    """
     root = etree.fromstring(urdf.encode())
     steps: dict[str, list[tuple[str, float]]] = {}
     for joint in root.iterfind("joint"):
         origin, name = joint.find("origin"), str(joint.get("name"))
         place = [] if origin is None else [float(value) for value in origin.get("xyz", "").split()]
-        slide = abs(values.get(name, 0.0)) if joint.get("type") == "prismatic" else 0.0
+        slide = 0.0
+        if joint.get("type") == "prismatic":
+            slide = abs(values.get(name, 0.0)) or (float(np.ptp(joint_limits(joint))) if name in driven else 0.0)
         parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
         steps.setdefault(parent, []).append((child, float(np.linalg.norm(place)) + slide))
 
