@@ -197,8 +197,9 @@ class GroupLine:
     name: str
     meaning: str
     count: int
-    # by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the outer frames
-    # would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured
+    # by how much it moves what was measured over the fitted rows, RMS of a coordinate (where no place was measured, of
+    # a distance or closure), what a shift of the outer frames would do taken off; ``moved_mrad`` RMS of a rotation
+    # component; NaN where none was measured
     moved_mm: float
     moved_mrad: float
 
@@ -207,14 +208,15 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     """Return what each group kept does at the target, to first order about the answer; the largest first."""
     fit, noise = calibration.fit, calibration.noise
     jacobian = fit.equations.derivatives
-    frames, turned = jacobian[:, :FRAMES], are("rotation", fit.equations.components)
+    frames, components = jacobian[:, :FRAMES], fit.equations.components
+    turned, long = are("rotation", components), are(noise.length_kind, components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:
         columns = slice(first, first + len(group.parameters))
         first = columns.stop
         effect = jacobian[:, columns] @ fit.unknowns.values[columns]
         effect -= frames @ np.linalg.lstsq(frames, effect, rcond=None)[0]
-        move, turn = rms(effect[~turned]) * noise.length_m / MM, rms(effect[turned]) * noise.rotation_rad / MRAD
+        move, turn = rms(effect[long]) * noise.length_m / MM, rms(effect[turned]) * noise.rotation_rad / MRAD
         lines.append(GroupLine(group.name, group.meaning, len(group.parameters), move, turn))
     return sorted(lines, key=lambda line: -line.moved_mm)
 

@@ -1,10 +1,14 @@
 """What moved: values, intervals and verdicts, and what a group does at the ladle."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.findings import ParameterLine, combination_lines, group_effects, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
+from tests.campaign.simulated import SIGMA_M
 
 
 def test_parameters_come_in_the_units_of_the_shop_floor(found):
@@ -47,3 +51,18 @@ def test_what_a_group_does_is_what_its_absence_costs(found):
         position = left[fit.equations.components < 3] * found.noise.position_m * 1e3
         assert effects[group.name].moved_mm == pytest.approx(np.sqrt((position**2).mean()), rel=1e-6)
         assert effects[group.name].moved_mm > 0.01
+
+
+def test_what_a_group_does_is_told_in_places_where_distances_were_measured_beside_them(clean):
+    """Distances known forty times better than places: their equations are over their own noise."""
+    campaign, options = clean.campaign, CalibrationOptions(parameters=("drives",), choose=False)
+    known = campaign.metadata.model_copy(update={"sigma_distance_m": SIGMA_M / 40.0})
+    lengths = np.linalg.norm(campaign.position_m, axis=1, keepdims=True)
+    found = calibrate(dataclasses.replace(campaign, distance_m=lengths, metadata=known), None, options)
+    equations = found.fit.equations
+    frames, own = equations.jacobian[:, :FRAMES], equations.jacobian[:, FRAMES:]
+    effect = own @ found.fit.unknowns.values[FRAMES:]
+    left = effect - frames @ (np.linalg.pinv(frames, rcond=1e-10) @ effect)
+    places = left[equations.components < 3] * SIGMA_M * 1e3
+    (line,) = group_effects(found)
+    assert line.moved_mm == pytest.approx(np.sqrt((places**2).mean()), rel=1e-6)
