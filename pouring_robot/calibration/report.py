@@ -19,6 +19,7 @@ from pouring_robot.calibration.findings import (
 )
 from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import (
+    MODEL,
     calibration_metrics,
     next_measurements,
     notes_of,
@@ -34,7 +35,7 @@ from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
-MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
+FIGURES, REPORT = "calibration.json", "report.html"
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 

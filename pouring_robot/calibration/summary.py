@@ -26,8 +26,11 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.location_figures import without_nan
+from pouring_robot.robot.model import RobotModel
 
 Figures = dict[str, Any]
+MODEL = "calibrated.yaml"
+"""What the file of the calibrated model is called."""
 _BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 
@@ -272,12 +275,16 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
-    noise, robot = calibration.noise, calibration.present.definition
-    tool, _ = robot.tool_words
+    noise, present = calibration.noise, calibration.present
+    tool, _ = present.definition.tool_words
     seen = "--position-only" if not noise.turned else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
     deficient = calibration.rank_anywhere > calibration.base.rank
     purpose = "determine what is still open" if deficient else "narrow the intervals most"
-    whose = f"--robot {os.path.relpath(robot.path)} " if calibration.present.robot else ""
+    whose = f"--robot {os.path.relpath(present.definition.path)} " if present.robot else ""
+    if present.layouts_file:  # only a model file names another
+        whose = f"--model {MODEL} "
+    elif present.layout != RobotModel().layout:
+        whose = f"--layout {present.layout} "
     if not calibration.campaign.redundant_drives:
         found.append(
             f"poses that {purpose}: pouring-robot campaign plan {whose}--out next.csv --priors "

@@ -57,6 +57,16 @@ def test_what_to_measure_next(found, unchanged):
     assert any("measured three times" in line for line in next_measurements(unchanged))
 
 
+@pytest.mark.parametrize(
+    ("layout", "named"),
+    [({"layout": "wide"}, "--layout wide"), ({"layouts_file": "x.yaml"}, "--model calibrated.yaml")],
+)
+def test_a_plan_is_suggested_for_the_machine_that_was_measured(found, layout, named):
+    other = found.present.model_copy(update=layout)
+    other._defined = (other.robot_path, other.layout, other.layouts_path), found.present.definition
+    assert any(f"campaign plan {named} --out" in line for line in next_measurements(replace(found, present=other)))
+
+
 def test_notes_say_what_no_measurement_tells(found, unchanged):
     notes = notes_of(found)
     never = len(found.base.names) - found.base.rank
