@@ -153,9 +153,11 @@ class StarStructure(Structure):
 
     def configurations(self, joints: FloatArray) -> FloatArray:
         """Return configurations as the base class; the free body stands at zero, the loops put it where it is."""
-        neutral, values = self.mechanism.neutral_configuration(), self.joint_values(joints)
+        mechanism, values = self.mechanism, self.joint_values(joints)
+        neutral = mechanism.neutral_configuration()
         rows = (dict(zip(values, row, strict=True)) for row in np.transpose(list(values.values())).tolist())
-        return np.array([self.mechanism.with_joint_values(neutral, row) for row in rows]).reshape(-1, len(neutral))
+        found = [mechanism.with_mimics(mechanism.with_joint_values(neutral, row), row) for row in rows]
+        return np.array(found).reshape(-1, len(neutral))
 
 
 def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bool_] = np.float64) -> NDArray[Any]:

@@ -55,6 +55,7 @@ class ClosedChainMechanism:
         displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
             placement in the URDF's.
         built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
+        home: joint values, in m or rad, of which those of locked joints say where they are held; else at zero.
 
     Attributes:
         tree_urdf: the URDF with cut joints floating and ``joint_types`` applied; spherical ones turn about one axis.
@@ -73,8 +74,9 @@ class ClosedChainMechanism:
         source: Path | str = "loops.yaml",
         displacements: Mapping[str, pin.SE3] = MappingProxyType({}),
         built_in: Mapping[str, pin.SE3] = MappingProxyType({}),
+        home: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self.urdf, self.loops, self._source = urdf, loops, Path(source)
+        self.urdf, self.loops, self._source, self._home = urdf, loops, Path(source), dict(home)
         self._workspace = threading.local()
         self.shared_model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)
         for name in displacements:
@@ -99,7 +101,7 @@ class ClosedChainMechanism:
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
-        return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in)
+        return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in, self._home)
 
     def displaced(self, displacements: Mapping[str, pin.SE3]) -> Self:
         """Return the mechanism with joints displaced further, faster than a new one; raises as require_placement."""
@@ -132,7 +134,7 @@ class ClosedChainMechanism:
     def with_drives(self, drives: tuple[str, ...]) -> Self:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
         loops = self.loops.model_copy(update={"drives": drives})
-        return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in)
+        return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in, self._home)
 
     def require_placement(self, joint: str) -> None:
         """Raise UnknownJointError for an absent joint, BadInputError for a cut one: displacing it changes nothing."""
@@ -299,8 +301,9 @@ class ClosedChainMechanism:
         return base.actInv(end)
 
     def neutral_configuration(self) -> FloatArray:
-        """Return the configuration with every joint at zero; shape (nq,)."""
-        return np.asarray(pin.neutral(self.shared_model), dtype=float)
+        """Return the configuration with every joint at zero, locked ones where they are held; shape (nq,)."""
+        held = {name: self._home[name] for name in self.loops.locked_joints if name in self._home}
+        return self.with_joint_values(pin.neutral(self.shared_model), held)
 
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).

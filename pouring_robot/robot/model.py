@@ -334,6 +334,7 @@ class RobotModel(StrictModel):
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
+        drawn = self.definition
         return ClosedChainMechanism(
-            self.urdf(), self.definition.loops, self.definition.path, built_in=self.displacements()
+            self.urdf(), drawn.loops, drawn.path, built_in=self.displacements(), home=drawn.file.home
         )

@@ -1,5 +1,7 @@
 """The batch engine on arms without loops: against Pinocchio's kinematics, the one-at-a-time G, and differences."""
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,7 +12,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from tests.support import ARM_JOINTS, arm, perturbed, placement_error, round_off
+from pouring_robot.mechanism.weight import own_force
+from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, round_off
 
 COUNT = 600  # more than one range of samples
 
@@ -172,6 +175,35 @@ def test_joints_beyond_the_end_do_not_matter():
         np.testing.assert_allclose(closed.position[0], result.pose_base_to_end.translation, rtol=0, atol=1e-14)
         found = closed_chain_transfer(solver, result, engine.parameters).matrix
         np.testing.assert_allclose(engine.transfer(closed).matrix[0], found, rtol=0, atol=1e-14)
+
+
+def test_what_a_joint_beside_the_chain_carries_weighs_where_it_stands():
+    """One that mimics a drive, and one that is locked at its home, as a counterweight: virtual work by differences."""
+    keys = {"end_frame": "roll_link", "drives": ARM_JOINTS[:4]}
+    loops, locked = arm(**keys).loops, arm(**keys, locked_joints=("rail", "pitch", "flange_turn")).loops
+    tied = arm_urdf().replace(
+        '<joint name="pitch" type="revolute">',
+        '<joint name="pitch" type="revolute"><mimic joint="elbow" multiplier="-0.5" offset="0.4"/>',
+    )
+    drives = np.array([0.3, -0.2, 0.5, 7.0])
+    for urdf, said in ((tied, loops), (arm_urdf(), locked)):
+        mechanism = ClosedChainMechanism(urdf, said, home={"pitch": 1.1, "elbow": 0.2})
+        model = mechanism.shared_model
+        data, structure = model.createData(), CompiledEngine(pickle.loads(pickle.dumps(mechanism))).structure
+
+        def energy(values, mechanism=mechanism, model=model, data=data):
+            pitch = 1.1 if not mechanism.mimics else 0.4 - 0.5 * values[2]
+            named = dict(zip(ARM_JOINTS, [*values, pitch], strict=False))
+            at = mechanism.with_joint_values(pin.neutral(model), named)
+            return pin.computePotentialEnergy(model, data, at)
+
+        step = 1e-5
+        moved = step * np.eye(4)
+        expected = [-(energy(drives + d) - energy(drives - d)) / (2.0 * step) for d in moved]
+        joints = np.zeros((1, *structure.star.revolute.shape))
+        joints[0, 0, :4] = drives
+        found = own_force(mechanism, structure.configurations(joints))[0]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
 
 
 def test_a_joint_of_the_chain_that_mimics_another_is_no_drive():

@@ -325,7 +325,7 @@ class RobotDefinition:
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""
-        return ClosedChainMechanism(self.urdf(), self.loops, self.path)
+        return ClosedChainMechanism(self.urdf(), self.loops, self.path, home=self.file.home)
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
         """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
