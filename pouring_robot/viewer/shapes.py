@@ -74,7 +74,7 @@ def shape_of(item: pin.GeometryObject) -> Shape:
         case coal.Sphere():
             return _made(trimesh.creation.icosphere, 3, geometry.radius)
         case coal.BVHModelBase():
-            return _from_mesh(geometry)
+            return _from_mesh(geometry, mirrored=float(np.prod(item.meshScale)) < 0.0)
     raise DescriptionError(
         "robot description", f"visual '{item.name}' is a {type(geometry).__name__}, which cannot be drawn"
     )
@@ -93,12 +93,15 @@ def _made(make: Callable[..., Any], *sizes: float | tuple[float, ...]) -> Shape:
     return smooth(body)
 
 
-def _from_mesh(geometry: coal.BVHModelBase) -> Shape:
-    """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices."""
+def _from_mesh(geometry: coal.BVHModelBase, *, mirrored: bool) -> Shape:
+    """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices.
+
+    What it mirrors is wound the other way round, else it would be inside out.
+    """
     vertices = np.array(geometry.vertices(), dtype=np.float64)
     triangles = map(geometry.tri_indices, range(geometry.num_tris))
     faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
-    return _meshed(vertices.tobytes(), faces.tobytes())
+    return _meshed(vertices.tobytes(), (faces[:, ::-1] if mirrored else faces).tobytes())
 
 
 @lru_cache(maxsize=128)  # by content: both robots of a scene load the same files

@@ -6,11 +6,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from PIL import Image
 
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.viewer import Camera, Scene, SceneArrows, SceneRobot, Step, camera_on, draw, solids, write_png
 from pouring_robot.viewer.raycast import Layer, View, edge_mask
+from pouring_robot.viewer.shapes import shape_of, visual_model
 from tests.viewer.scenes import small_scene
 
 SIZE = (480, 360)
@@ -99,6 +101,19 @@ def test_rays_meet_the_surface_where_it_is(tmp_path):
     outside[rows, columns] = False
     assert hits.mask[rows, columns].any()
     assert not outside.any()
+
+
+@pytest.mark.parametrize("scale", ["1 1 1", "1 -1 1", "-2 -1 1", "-1 -1 -3"])
+def test_a_mirrored_mesh_shows_its_outside(tmp_path, scale):
+    trimesh.creation.cone(radius=0.1, height=0.3).export(tmp_path / "cone.stl")
+    mesh = f'<mesh filename="{tmp_path}/cone.stl" scale="{scale}"/>'
+    urdf = f'<robot name="r"><link name="a"><visual><geometry>{mesh}</geometry></visual></link></robot>'
+    (item,) = visual_model(pin.buildModelFromXML(urdf), urdf).geometryObjects
+    shape = shape_of(item)
+    corners = shape.vertices[shape.faces]
+    assert np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() > 0.0
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.einsum("fi,fci->fc", across, shape.normals[shape.faces]).min() > 0.0
 
 
 def test_the_default_camera_shows_the_robots_and_not_all_of_the_truss(tmp_path):
