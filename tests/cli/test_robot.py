@@ -326,6 +326,13 @@ def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
     assert (code, err) == (0, "")
     height = next(line for line in out.splitlines() if "nominal" in line)
     assert "800.000" in height  # half of the lift and 0.2 m, 0.1 m up to the tool
+    moved = (
+        "format: pouring_robot/model/1\nrobot: robot.yaml\njoint_placements: {left_slide: {rotation_mrad: [1, 0, 0]}}\n"
+    )
+    (tmp_path / "model.yaml").write_text(moved, encoding="utf-8")
+    code, out, err = run("pose", "--model", "model.yaml", "--drives", "1000 90")
+    assert (code, err) == (0, "")
+    assert "displacing 'left_slide' moves nothing between base and end body" in " ".join(out.split())
 
 
 def test_a_xacro_is_taken_as_one(run, tmp_path):

@@ -52,8 +52,8 @@ def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_f
 
 
 def unseen_note(joint: str) -> str:
-    """Return a line about a displaced joint that carries the fixed platform."""
-    return f"displacing '{joint}' moves the fixed platform as a whole, so poses seen from it do not show it"
+    """Return a line about a displaced joint that carries the whole robot, or stands beside what is measured."""
+    return f"displacing '{joint}' moves nothing between base and end body, so poses do not show it"
 
 
 def outside_notes(poses_outside: Iterable[bool]) -> list[str]:
