@@ -335,6 +335,18 @@ def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
     assert "displacing 'left_slide' moves nothing between base and end body" in " ".join(out.split())
 
 
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_poses_of_an_arm_that_floats_or_rolls_are_seen_from_what_carries_it(run, tmp_path, kind):
+    under = f'<link name="hall"/><joint name="root" type="{kind}"><parent link="hall"/><child link="ground"/></joint>'
+    (tmp_path / "mobile.urdf").write_text(MAST.replace("</robot>", f"{under}</robot>"), encoding="utf-8")
+    code, out, err = run("robot", "init", "mobile.urdf")
+    assert (code, err) == (0, "")
+    assert "ground to tool0, 2 drives: lift (length), pan (angle)" in " ".join(out.split())
+    assert "locked_joints: [root]" in (tmp_path / "robot.yaml").read_text(encoding="utf-8")
+    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "1000 90")
+    assert (code, err) == (0, "")
+
+
 def test_a_xacro_is_taken_as_one(run, tmp_path):
     shutil.copytree(ROBOTS / "arm", tmp_path / "arm")
     shutil.copy(ROBOTS / "shapes.xacro", tmp_path)

@@ -118,17 +118,19 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     if not ends:
         raise DescriptionError(urdf, "no joint of it moves a link at the end of the tree")
     end, *others = ends
-    path = tree.moving(end)
+    path, closed = tree.moving(end), loops_beside(urdf)
+    if closed is None:  # what floats or rolls below an arm is no drive: poses are seen from what it carries
+        kinds = [tree.joints[name].get("type") for name in path]
+        path = path[max((k for k, kind in enumerate(kinds, start=1) if kind not in _DRIVABLE), default=0) :]
     # What follows another joint is driven by that one, wherever it is: a telescope's is often a branch of its own.
     mimics = {n: str(mimic.get("joint")) for n, j in tree.joints.items() if (mimic := j.find("mimic")) is not None}
     led = dict.fromkeys(mimics.get(name, name) for name in path)
     drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in _DRIVABLE]
-    closed = loops_beside(urdf)
     if closed is not None:
         drives = list(load_loops(closed).drives) or drives
     if not drives:
         raise DescriptionError(urdf, f"no joint on the way to '{end}' slides or turns by itself; a drive must")
-    aside = [name for link in others for name in tree.moving(link) if name not in {*path, *led, *mimics}]
+    aside = [name for link in ends for name in tree.moving(link) if name not in {*path, *led, *mimics}]
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", str(tree.root.get("name") or urdf.stem)).lstrip("_.-") or "robot"
     base, locked = _link(tree.joints[path[0]], "parent"), () if closed else tuple(dict.fromkeys(aside))
     said: dict[str, Any] = {"mechanism": name, "base_frame": base, "end_frame": end, "drives": tuple(drives)}
