@@ -29,7 +29,7 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, noise_shares, whiten
 from pouring_robot.exceptions import BadInputError, FrameFitError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel
@@ -161,6 +161,7 @@ class Fit:
     prior_std: FloatArray  # shape (12 + P,), in m and rad
     equations: WhitenedEquations  # whitened residuals and Jacobian at the answer
     weights: FloatArray  # of each equation by the robust loss, shape (m,)
+    shares: FloatArray  # of each, what noise makes of its squared weighted residual on average, shape (m,)
     evaluations: int  # how many times all rows were predicted in the search
     second_evaluations: int  # how many times they were to measure second derivatives
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
@@ -184,11 +185,11 @@ class Fit:
 
     def freedom(self, kind: Kind | None = None) -> float:
         """Return the equations left over for the noise: all, or those of one kind of instrument."""
-        return float((self.weights - self.leverage)[self._chosen(kind)].sum())
+        return float((self.shares - self.leverage)[self._chosen(kind)].sum())
 
     def chi_square(self, kind: Kind | None = None) -> float:
-        """Return the weighted sum of squared whitened residuals: of all, or of one kind of instrument."""
-        return float((self.weights * self.equations.residual**2)[self._chosen(kind)].sum())
+        """Return the sum of squared weighted residuals over their noise: of all, or of one kind of instrument."""
+        return float(((self.weights * self.equations.residual) ** 2)[self._chosen(kind)].sum())
 
     def scatter(self, kind: Kind | None = None) -> float:
         """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
@@ -226,6 +227,7 @@ def identify(
         prior_std,
         search.equations,
         search.weights,
+        noise_shares(search.equations, options.loss),
         search.evaluations,
         search.second_evaluations,
         last_step,

@@ -176,15 +176,34 @@ def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0)
     ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
-    bound, size = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], np.sqrt(squared)
-    if loss == "linear":
-        cost, weight = squared, np.ones(counts.size)
-    elif loss == "huber":
-        cost = np.where(size <= bound, squared, 2.0 * bound * size - bound**2)
-        weight = bound / np.maximum(size, bound)
-    elif loss == "soft_l1":
-        root = np.sqrt(1.0 + squared / bound**2)
-        cost, weight = 2.0 * bound**2 * (root - 1.0), 1.0 / root
-    else:
-        raise BadInputError(f"there is no loss '{loss}'; use huber, soft_l1 or linear")
+    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], loss)
     return float(cost.sum()), weight[blocks]
+
+
+def noise_shares(equations: WhitenedEquations, loss: Loss) -> FloatArray:
+    """Return what noise alone makes of each equation's squared weighted residual on average, shape (m,); linear: 1.
+
+    Proposal 2 of Huber, Robust Statistics (1981), holds a scale to this: a slip counts no more than its bound.
+    """
+    blocks, _, counts = _blocks(equations)
+    return np.array([1.0, *(_noise_share(loss, k) for k in (1, 2, 3))])[counts][blocks]
+
+
+@functools.cache
+def _noise_share(loss: Loss, components: int) -> float:
+    nodes, weights = scipy.special.roots_genlaguerre(64, 0.5 * components - 1.0)  # half a chi-square is a gamma
+    _, weight = _weighed(2.0 * nodes, np.full(64, np.sqrt(_quantiles(_INLIER_SHARE)[components])), loss)
+    return float((weights * weight**2) @ nodes / (weights @ nodes))
+
+
+def _weighed(squared: FloatArray, bound: FloatArray, loss: Loss) -> tuple[FloatArray, FloatArray]:
+    """Return the loss and the weight of blocks of a squared size."""
+    size = np.sqrt(squared)
+    if loss == "linear":
+        return squared, np.ones_like(squared)
+    if loss == "huber":
+        return np.where(size <= bound, squared, 2.0 * bound * size - bound**2), bound / np.maximum(size, bound)
+    if loss == "soft_l1":
+        root = np.sqrt(1.0 + squared / bound**2)
+        return 2.0 * bound**2 * (root - 1.0), 1.0 / root
+    raise BadInputError(f"there is no loss '{loss}'; use huber, soft_l1 or linear")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.residuals import WhitenedEquations, robust_terms, scatter
+from pouring_robot.estimation.residuals import WhitenedEquations, noise_shares, robust_terms, scatter
 from pouring_robot.exceptions import BadInputError
 
 
@@ -37,6 +37,14 @@ def test_scatter_is_one_for_noise_and_follows_what_is_larger():
     assert scatter(equations(4.0 * noise)) == pytest.approx(4.0, rel=0.05)
     assert scatter(equations(0.1 * noise)) == 1.0
     assert scatter(equations([])) == 1.0
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft_l1", "linear"])
+def test_noise_makes_of_weighted_squares_what_is_said(loss):
+    noise = equations(np.random.default_rng(1).normal(size=60_000))
+    _, weights = robust_terms(noise, loss)
+    found, said = (weights * noise.residual) ** 2, noise_shares(noise, loss)
+    assert found.mean() == pytest.approx(said.mean(), rel=4.0 * np.sqrt(2.0 / 60_000))  # four standard errors
 
 
 def test_an_unknown_loss_is_refused():
