@@ -1,10 +1,14 @@
 """A chain that ends in a fixed joint: its last link's growth is the seat moved back, against the URDF with it grown."""
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot.effects.conditions import set_apart
-from pouring_robot.effects.families.heat import chain_ends, grown_places
+from pouring_robot.effects.families.heat import chain_ends, end_places, grown_places
+from pouring_robot.effects.made_up import bare_conditions
+from pouring_robot.effects.registry import all_effects
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -22,6 +26,13 @@ BRACKETED = """<robot name="bracketed">
     <origin xyz="0.05 0 0.02" rpy="0 0.4 0"/></joint>
   <joint name="mount" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/></joint>
 </robot>"""
+ROBOT_FILE = """format: pouring_robot/robot/1
+name: bracketed
+urdf: arm.urdf
+base_frame: base
+end_frame: tip
+drives: [{joint: pan}, {joint: lift}]
+"""
 
 
 def test_the_last_link_of_a_five_bar_grows():
@@ -42,11 +53,7 @@ def test_the_last_link_of_a_five_bar_grows():
 def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
     """An upright with a bracket bolted on askew, on which the next joint stands: against the URDF with it grown."""
     (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
-    (tmp_path / "robot.yaml").write_text(
-        "format: pouring_robot/robot/1\nname: bracketed\nurdf: arm.urdf\nbase_frame: base\nend_frame: tip\n"
-        "drives: [{joint: pan}, {joint: lift}]\n",
-        encoding="utf-8",
-    )
+    (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
     robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
     grown = grown_places(robot.model.definition, ("pan", "lift"))
     assert [(joint, link) for joint, link, _ in grown] == [("pan", "base"), ("lift", "bracket"), ("lift", "upright")]
@@ -61,6 +68,27 @@ def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
         poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "tip").translation)
     np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-12)
     assert np.linalg.norm(poses[0] - location.poses("tip")[0].translation) > 5e-4
+
+
+def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
+    """In every pose the end frame stands as in the URDF with its mount grown."""
+    (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
+    robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
+    ((link, place),) = end_places(robot.model.definition, ("pan", "lift"))
+    assert link == "arm"
+    location = robot.location_at([0.4, -0.3])
+    grown = perturb_urdf(BRACKETED, {"mount": displacement(np.array([0.5 * strain, 0.0, 0.0]))})
+    solver = ClosureSolver(ClosedChainMechanism(grown, robot.model.definition.loops))
+    actual = solver.solve(location.drives, location.nominal.configuration).pose("base", "tip").translation
+    drawn = location.poses("tip")[0]
+    np.testing.assert_allclose(drawn.translation + strain * drawn.rotation @ place, actual, rtol=0, atol=1e-12)
+    rows = bare_conditions(robot.model.definition)
+    rotation = pin.exp3(np.array([0.3, -0.4, 0.5])) @ rows.rotation
+    turned = dataclasses.replace(rows, rotation=rotation, rises={"ambient": np.arange(3.0)})
+    form = all_effects(robot.model.definition)["link_thermal_expansion"].forms(turned)[0]
+    moved = np.column_stack([form.parameters[0].changes[f"base.t{axis}"] for axis in "xyz"])
+    np.testing.assert_allclose(moved, 1e-6 * np.arange(3.0)[:, None] * (rotation @ place), rtol=1e-12)
 
 
 def test_a_slide_spans_the_joints_at_its_ends():

@@ -100,38 +100,53 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
     That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
     link of what it carries there, (3,), in the joint's own axes, in m.
     """
-    model, known, found = robot.mechanism().shared_model, standing(robot), []
-    for joint in places:
-        (link, placed), turned = known[joint], known[joint][1].rotation
-        while True:
-            found.append((joint, link, np.asarray(turned.T @ placed.translation)))
-            carrier = _carrier(model, link)
-            fixed = carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places)
-            if not fixed or link == robot.loops.base_frame:
-                break
-            link, placed = known[carrier.name]
-            turned = placed.rotation @ turned
-    return found
+    return [(joint, link, place) for joint in places for link, place in _on_links(robot, joint, places)]
 
 
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
+    """Return what the last links of a chain do that ends in a fixed joint, which nothing displaces.
 
-    It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
+    They move the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
     have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
     """
-    known, model = standing(robot), robot.mechanism().shared_model
+    model = robot.mechanism().shared_model
     ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
     pairs = [(_carrier(model, chain), _carrier(model, other)) for chain, other in ends]
     return [
-        (seat.name, known[end.name][0], -_lever(known[end.name][1]))
+        (seat.name, link, -place)
         for end, seat in pairs
         if end.type == pin.FrameType.FIXED_JOINT and end.name not in places and seat.name in places
+        for link, place in _on_links(robot, end.name, places)
     ]
 
 
+def end_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, FloatArray]]:
+    """Return what the last links do to the end frame, which no joint of ``places`` carries: link and place in its axes.
+
+    The place is that of the end frame, or of what carries it there, on that link, (3,), in m.
+    """
+    carrier = _carrier(robot.mechanism().shared_model, robot.loops.end_frame or "universe")
+    if carrier.type != pin.FrameType.FIXED_JOINT or carrier.name in places:
+        return []
+    return list(_on_links(robot, carrier.name, places))
+
+
+def _on_links(robot: RobotDefinition, joint: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Yield links that carry a joint, up to the next of ``places`` or that moves, and its place there, in its axes."""
+    model, known = robot.mechanism().shared_model, standing(robot)
+    (link, placed), turned = known[joint], known[joint][1].rotation
+    while True:
+        yield link, np.asarray(turned.T @ placed.translation)
+        carrier = _carrier(model, link)
+        fixed = carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places)
+        if not fixed or link == robot.loops.base_frame:
+            return
+        link, placed = known[carrier.name]
+        turned = placed.rotation @ turned
+
+
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
-    """Return what growth along a course (n,), in 1e-6, displaces: joints by their places on the link, (3,), in m."""
+    """Return what growth along a course (n,), in 1e-6, displaces: joints by places on it, (3,) or (3, n), in m."""
     return {
         f"{joint}.t{axis}": _PPM * course * along
         for joint, place in places.items()
@@ -188,7 +203,9 @@ class LinksGrowth(Family):
         """
         prior_std, places = _PRIOR_STD_PPM, conditions.causes.placements.places
         carried = grown_places(conditions.robot, places) + chain_ends(conditions.robot, places)
-        carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
+        # What moves the end frame alone moves it as the base would.
+        ends = [("base", link, (conditions.rotation @ place).T) for link, place in end_places(conditions.robot, places)]
+        carried = [(joint, own.get(link, other), place) for joint, link, place in carried + ends if place.any()]
         followed = {by: conditions.rises[by] for _, by, _ in carried if by in conditions.rises}
 
         def changes(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
