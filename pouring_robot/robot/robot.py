@@ -69,8 +69,8 @@ class Robot:
     ``robots_under`` applies them.
     ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
-    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it; the constructor
-    BadInputError where the model names a joint or drive that the robot does not have.
+    drawing would pass its limits (the pouring robot: or one as built), NoSolutionError where no pose answers it; the
+    constructor BadInputError where the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
