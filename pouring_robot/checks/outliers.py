@@ -20,6 +20,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
@@ -36,6 +37,7 @@ _JUMP_SIGMAS = 5.0
 """A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
 _JUMP_WINDOW = 10
 _JUMP_PLACES = 400
+_TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
 _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 _FEWEST = 12
 _TELLING_ROWS = 1000  # many times the errors of joints there are
@@ -43,6 +45,7 @@ _RIDGE = 1e-3
 _ROWS_PER_TERM = 4
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
 _VARIES = 1e-6  # of rotations, root mean square; below it they stand still
+_GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
 _SLOW = ("time", "temperature")
 
 
@@ -66,9 +69,12 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
         # Under conditions that no other row had nobody knows what is right.
         uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
         wrong = wrong[beyond > OUTLIER_SIGMAS * np.sqrt(1.0 + uncertain)]
-    for row in wrong:
+    apart = np.union1d(wrong, np.flatnonzero(plain > OUTLIER_SIGMAS))
+    single = np.intersect1d(wrong, _not_together(data, fit, apart, campaign.metadata.metres_per_rad))
+    jumps = list(_jumps(campaign, data, fit, single))
+    for row in single if jumps else wrong:
         yield _outlier(campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
-    yield from _jumps(campaign, data, fit, wrong)
+    yield from jumps
 
 
 def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
@@ -137,6 +143,33 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
         others = f"{score:.0f} robust deviations from what the other rows say of its errors"
         code, said = FlagCode.OUTLIER, f"outlier, {off} from the nominal robot, {others}"
     return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
+
+
+def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:
+    """Return rows (k,) without those, a tenth of all or more, that frames of their own explain.
+
+    There tracker or target were moved: once, or several times.
+    """
+    fewest = max(_JUMP_WINDOW, len(data.poses) // 10)
+    if rows.size < fewest:
+        return rows
+    try:
+        own = data[rows].fit(metres_per_rad)
+    except FrameFitError:  # too few whole positions
+        return rows
+    before, after = _sizes(fit, metres_per_rad), _sizes(own, metres_per_rad)
+    apart = after > np.minimum(before[rows] / _TIMES_BETTER, 2.0 * OUTLIER_SIGMAS * np.median(before))
+    if np.count_nonzero(~apart) >= fewest:
+        return _not_together(data, fit, rows[apart], metres_per_rad)
+    halves = np.array_split(rows, 2) if rows.size >= 2 * fewest else []
+    return np.concatenate([_not_together(data, fit, half, metres_per_rad) for half in halves]) if halves else rows
+
+
+def _sizes(fit: FrameFit, metres_per_rad: float) -> FloatArray:
+    """Return what frames leave of each row, (n,), in m, an angle by the length that weighs as much."""
+    turn = 0.0 if fit.rotation_residual_rad is None else np.nan_to_num(fit.rotation_residual_rad)
+    left = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
+    return np.asarray(np.linalg.norm(left, axis=1))
 
 
 def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
@@ -315,12 +348,17 @@ def _leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Floa
 
 
 def _sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
-    """Return the sizes of leftovers (n,), 0 for NaN, and their robust deviation, which is no less than given."""
-    size = np.abs(np.nan_to_num(left))
-    # Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale.
-    if np.isfinite(left).any():
-        least = max(least, float(np.nanquantile(np.abs(left), 0.9)) / _NINETY_PER_CENT)
-    return size, least
+    """Return the sizes of leftovers (n,), 0 for NaN, and their robust deviation, which is no less than given.
+
+    Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale; but of those
+    that agree, as more than a tenth may be wrong. From the median, which fewer than half cannot move far, the scale
+    grows while the rows within its reach say so: over tails, not over a gap to rows that cannot be right.
+    """
+    size, deviation, before = np.abs(np.nan_to_num(left)), max(least, robust_sigma(left)), 0.0
+    while deviation > before and np.isfinite(left).any():
+        before, agreeing = deviation, np.abs(left) <= _GAP_SIGMAS * deviation
+        deviation = max(before, float(np.quantile(size[agreeing], 0.9)) / _NINETY_PER_CENT)
+    return size, deviation
 
 
 def _filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:

@@ -92,6 +92,69 @@ def test_outliers_are_found_and_no_sound_row(machine, full):
     assert outlier_rows(flags).tolist() == [3, 50, 77]
 
 
+@pytest.mark.parametrize("full", [True, False])
+@pytest.mark.parametrize("count", [16, 24, 40])
+def test_up_to_a_third_of_the_rows_may_hold_another_row_s_measurement(machine, count, full):
+    campaign = machine.campaign
+    scattered = np.sort(np.random.default_rng(0).permutation(len(campaign))[:count])
+    for wrong in (scattered, np.arange(50, 50 + count)):
+        rows = np.arange(len(campaign))
+        rows[wrong] = np.roll(wrong, 1)
+        turns = campaign.rotation_vector_rad[rows] if full else None
+        others = damaged(campaign, position_m=campaign.position_m[rows], rotation_vector_rad=turns)
+        flags = check_campaign(others, machine.drawing)
+        assert codes(flags) <= {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
+        found = outlier_rows(flags)
+        assert set(found) <= set(wrong) and found.size >= 0.9 * count  # a neighbour may be near
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_a_column_that_hung_is_no_jump(machine, column):
+    position = np.array(machine.campaign.position_m)
+    far = np.abs(position[60:76, column] - position[60, column]) > 0.05 * np.ptp(position[:, column])
+    position[60:76, column] = position[60, column]
+    flags = check_campaign(damaged(machine.campaign, position_m=position), machine.drawing)
+    assert FlagCode.STUCK_COLUMN in codes(flags) and FlagCode.MEASUREMENT_JUMP not in codes(flags)
+    assert set(60 + np.flatnonzero(far)) <= set(outlier_rows(flags)) <= set(range(60, 76))
+
+
+def elsewhere(campaign, rows, shift_m, turn_rad):
+    """Return a campaign in which the tracker stood elsewhere in some rows."""
+    position, turned = np.array(campaign.position_m), rotation_matrices(np.array(campaign.rotation_vector_rad))
+    back = pin.exp3(np.array(turn_rad))
+    position[rows] = position[rows] @ back.T + shift_m
+    turned[rows] = back @ turned[rows]
+    return damaged(campaign, position_m=position, rotation_vector_rad=rotation_vectors(turned))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.01, 0.3])
+@pytest.mark.parametrize("first", [90, 105])
+def test_a_tracker_that_was_moved_far_makes_no_outliers(machine, first, turn):
+    moved = elsewhere(machine.campaign, np.arange(first, 120), [0.1, -0.2, 0.3], [turn, 0.0, turn])
+    position = np.array(moved.position_m)
+    position[[20, 110]] += 0.5
+    flags = check_campaign(damaged(moved, position_m=position), machine.drawing)
+    assert FlagCode.MEASUREMENT_JUMP in codes(flags)
+    assert set(outlier_rows(flags)) <= {20, 110}
+
+
+def test_a_tracker_that_was_moved_twice_makes_no_outliers(machine):
+    moved = elsewhere(machine.campaign, np.arange(80, 100), [0.02, 0.01, 0.0], [0.0] * 3)
+    moved = elsewhere(moved, np.arange(100, 120), [-0.02, 0.01, 0.01], [0.0] * 3)
+    assert codes(check_campaign(moved, machine.drawing)) == {FlagCode.MEASUREMENT_JUMP}
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_an_error_that_grows_over_half_of_the_workspace_makes_no_outliers(machine, full):
+    """The other half is as exact as the noise."""
+    position = np.array(machine.campaign.position_m)
+    x = (position[:, :1] - position[:, :1].mean()) / position[:, :1].std()
+    bent = position + 2e-3 * np.maximum(x, 0.0) ** 2 * [1.0, -1.0, 0.5]
+    turns = machine.campaign.rotation_vector_rad if full else None
+    flags = check_campaign(damaged(machine.campaign, position_m=bent, rotation_vector_rad=turns), machine.drawing)
+    assert outlier_rows(flags).size == 0
+
+
 def test_what_bends_with_the_place_is_no_noise(machine):
     """Guides that bow, skew to the tracker: a product of two coordinates that shows in all components."""
     position = np.array(machine.campaign.position_m)
