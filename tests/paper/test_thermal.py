@@ -65,6 +65,12 @@ def test_magnitudes_of_the_paper(study):
         assert said[key] == "differs", key
 
 
+def test_the_shell_is_cooler_than_a_flat_walls(study):
+    (edge,) = (claim for claim in judge_all(study) if claim.key == "cool_edge")
+    assert edge.figures["flat_degC"] == pytest.approx((0.055 * 1700 + 12.5 * 0.04 * 20) / (0.055 + 12.5 * 0.04))
+    assert edge.figures["shell_degC"] < edge.figures["flat_degC"] and "would be at 186 °C" in edge.why
+
+
 def in_the_box(study, **figures):
     return {"box": [dataclasses.replace(pose, **figures) for pose in study.box]}
 

@@ -78,6 +78,7 @@ def cool_edge(study: ThermalStudy) -> Claim:
     ambient, melt = field.ambient_K - ZERO_CELSIUS_K, field.melt_K - ZERO_CELSIUS_K
     band = (melt - ambient) / _COLOUR_BANDS
     conductivity, film = properties.insulation.conductivity.value, properties.ambient.film_coefficient.value
+    flat = (conductivity / study.lining_m * melt + film * ambient) / (conductivity / study.lining_m + film)
     needed = conductivity * (melt - ambient - 20.0) / (film * 20.0)
     return Claim(
         "cool_edge",
@@ -87,10 +88,12 @@ def cool_edge(study: ThermalStudy) -> Claim:
         judge(shell < ambient + band),
         f"the shell is in the lowest of {_COLOUR_BANDS} colour bands from {ambient:g} to {melt:g} °C, below "
         f"{ambient + band:.0f} °C",
-        f"k (T_melt − T) = h d (T − T_ambient); within 20 K of the room it would need {needed / MM:.0f} mm, and the "
-        "wall's thickness is assumed",
+        f"a flat wall alone, k (T_melt − T) = h d (T − T_ambient), would be at {flat:.0f} °C; ours has more area "
+        "outside than in its middle, and trunnions draw heat off. Within 20 K of the room a flat wall would need "
+        f"{needed / MM:.0f} mm; the thickness is assumed",
         reading="off a contour plot over the whole range, in the usual nine bands; the figure is lost",
-        figures={"shell_degC": shell, "lining_mm": study.lining_m / MM, "band_K": band, "needed_mm": needed / MM},
+        figures={"shell_degC": shell, "lining_mm": study.lining_m / MM, "band_K": band, "flat_degC": flat}
+        | {"needed_mm": needed / MM},
     )
 
 
