@@ -158,7 +158,9 @@ def pile_theta1(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "4.4, Fig. 5",
         "the same of θ1, as printed",
         f"main component {errors.main_axis('θ1')}, {_span(values)}; fullest 5 µm bin at {place / MM:.4f} mm, "
-        f"{share:.0%} of poses within 2 % of it, {times:.1f} times an even share",
+        f"{share:.0%} of poses within 2 % of it, {times:.1f} times an even share"
+        if values.any()
+        else "moves o nowhere",
         judge(abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0),
         "the fullest bin is within 1 % of 1.3175 and holds twice an even share",
         "section 4.4 itself calls θ1 uniform, like α01, two paragraphs before: the name is a misprint",

@@ -67,8 +67,9 @@ class ErrorSamples(samples.ErrorSamples[DHParameter]):
         return self.subset([p for p, top in zip(self.parameters, tops, strict=True) if top > limit_m])
 
     def along(self, label: str) -> FloatArray:
-        """Return the translations of one error along its main direction, shape (n,), in m."""
-        return np.asarray(self.moves(label)[:, max(samples.AXES.find(self.main_axis(label)), 0)])
+        """Return the translations of one error along its main direction, shape (n,), in m; 0 if it moves nothing."""
+        axis = samples.AXES.find(self.main_axis(label))
+        return np.asarray(self.moves(label)[:, axis] if axis >= 0 else np.zeros(len(self.moves(label))))
 
     def spread_m(self, label: str) -> float:
         """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
