@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from pouring_robot.exceptions import BadInputError, OutputError, UnknownLayoutError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.robot.dh.chain import A, D, dh_chain, dh_transform
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -201,6 +202,18 @@ def test_printed_text_names_each_claim_once(paper):
     text = " ".join(paper.text().split())
     assert "26 claims: 20 reproduced, 5 differs, 1 cannot be checked" in text
     assert all(line == line.rstrip() for line in paper.text().splitlines())
+
+
+def test_formula_2_gives_the_place_of_o_without_d_o():
+    """The paper's sum over d S and a a of a chain ends with a_6o: d_o, which counts as an error, is 0."""
+    mechanism = RobotModel(layout="paper").definition.mechanism()
+    for k in range(4):
+        chain, frame, place = dh_chain(mechanism, k), np.eye(4), np.zeros(3)
+        for j, row in enumerate(chain.nominal):
+            place = place + row[A] * frame[:3, 0]
+            frame = frame @ dh_transform(row)
+            place = place + (row[D] * frame[:3, 2] if j < 7 else 0.0)
+        assert place == pytest.approx(frame[:3, 3], abs=1e-12)
 
 
 def test_bad_input():

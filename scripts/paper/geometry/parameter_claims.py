@@ -137,6 +137,7 @@ def hundred_left(study: GeometryStudy) -> Claim:
         judge(left == 100),
         "100 remain",
         "4 chains of 32, less the 7 that section 4.2 takes out of each",
+        reading="d_o is one of them: it is 0 on the drawing, and formula 2 has no term for it; without it 96 remain",
         figures={"remaining": left},
     )
 
