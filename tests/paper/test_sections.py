@@ -53,6 +53,14 @@ def test_least_squares_comes_down_to_the_noise(study):
     assert study.left_m["least squares"] < 0.02e-3 < study.left_m["network"] < 0.1 * study.before_m
 
 
+def test_what_the_network_leaves_is_given_as_exactly_as_machines_agree(study):
+    def said(left):
+        changed = dataclasses.replace(study, left_m=study.left_m | {"network": left * study.before_m})
+        return next(claim for judged in JUDGES if (claim := judged(changed)).key == "by_network").computed
+
+    assert said(0.0131) == said(0.0137) and "1 % of it" in said(0.0131)
+
+
 def test_every_claim_has_a_reason_and_is_printed(study):
     report = SectionsReport.of(study)
     assert all(claim.why for claim in report.claims)
