@@ -8,6 +8,7 @@ that neither has seen.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,8 +22,9 @@ from sklearn.preprocessing import StandardScaler
 
 from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.io.units import MM
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, grid
+from pouring_robot.robot.dh.chain import VARIABLES, dh_transform
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import JointPlacement, RobotModel
@@ -179,6 +181,44 @@ def _identified(robot: PouringRobot, random: np.random.Generator) -> tuple[float
 
 def _rms(moved: FloatArray) -> float:
     return float(np.sqrt(np.square(moved).sum(axis=1).mean()))
+
+
+def _axes(geometry: GeometryStudy) -> FloatArray:
+    """Return the directions of S_1 to S_5 (section 2 counts R R P R R) of every chain, shape (4, 5, poses, 3)."""
+    found = []
+    for number, chain in geometry.table.chains.items():
+        values = np.tile(chain.nominal, (len(geometry.command), 1, 1))
+        for k, (transform, symbol) in enumerate(VARIABLES):
+            values[:, transform, symbol] += geometry.command.start.joints[:, number - 1, k]
+        frames = itertools.accumulate(np.moveaxis(dh_transform(values), 1, 0), np.matmul)
+        found.append([frame[:, :3, 2] for frame in frames][2:7])
+    return np.array(found)
+
+
+def axes(study: SectionsStudy) -> Claim:
+    """Judge how the axes of the chains lie to each other."""
+    S = _axes(study.geometry)
+    y = np.broadcast_to([0.0, 1.0, 0.0], S[:, 0].shape)
+    parallel = [(S[:, 0], y), (S[:, 4], y), (S[0, 1], S[1, 1]), (S[2, 1], S[3, 1])]
+    right = [(S[:, 0], S[:, 1]), (S[:, 3], S[:, 4])]
+    worst = max(
+        *(float(np.linalg.norm(np.cross(a, b), axis=-1).max()) for a, b in parallel),
+        *(float(np.abs((a * b).sum(axis=-1)).max()) for a, b in right),
+    )
+    across = np.degrees(np.arcsin(np.linalg.norm(np.cross(S[0, 1], S[2, 1]), axis=-1)))
+    between = np.degrees(np.arccos(np.clip((S[:, 2] * S[:, 3]).sum(axis=-1), -1.0, 1.0)))
+    return Claim(
+        "axes",
+        "2",
+        "Si1 and Si5 along y, Si1 ⊥ Si2, Si4 ⊥ Si5, S12 ‖ S22, S32 ‖ S42, an angle Θi between Si3 and Si4",
+        f"at {len(study.geometry.command)} poses none is off by more than {worst / MRAD:.6f} mrad; S12 and S32 part by "
+        f"up to {across.max():.0f}°; Θi is {between.min():.0f} to {between.max():.0f}°",
+        judge(worst < 1e-9),
+        "none is off by more than 1e-9 rad at any pose",
+        "chains 1 and 2, and 3 and 4, hang at the same x and lean alike about y; others do not",
+        reading="indices are chain and axis, R R P R R; no value of Θi is in the text",
+        figures={"worst_rad": worst, "across_deg": float(across.max()), "theta_deg": float(between.max())},
+    )
 
 
 def strokes(study: SectionsStudy) -> Claim:
@@ -400,6 +440,7 @@ def identification(study: SectionsStudy, method: str, words: str, reading: str, 
 
 
 JUDGES: tuple[Callable[[SectionsStudy], Claim], ...] = (
+    axes,
     strokes,
     payload,
     one_centimetre,

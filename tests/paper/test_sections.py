@@ -50,6 +50,17 @@ def test_other_figures_get_other_verdicts(study, changes, key, verdict):
     assert verdicts(dataclasses.replace(study, **changes(study)))[key] == verdict
 
 
+def test_chains_that_lean_otherwise_are_told(study):
+    """Chain 2 with chain 3's joint values: S12 and S22 are no longer parallel."""
+    assert verdicts(study)["axes"] == "reproduced"
+    command = study.geometry.command
+    turned = command.start.joints.copy()
+    turned[:, 1] = turned[:, 2]
+    moved = dataclasses.replace(command, start=dataclasses.replace(command.start, joints=turned))
+    other = dataclasses.replace(study, geometry=dataclasses.replace(study.geometry, command=moved))
+    assert verdicts(other)["axes"] == "differs"
+
+
 def test_least_squares_comes_down_to_the_noise(study):
     """300 positions of 0.02 mm noise, some 50 directions seen: about 0.02 mm · √(50 / 300) is left."""
     assert study.left_m["least squares"] < 0.02e-3 < study.left_m["network"] < 0.1 * study.before_m
@@ -68,5 +79,5 @@ def test_every_claim_has_a_reason_and_is_printed(study):
     assert all(claim.why for claim in report.claims)
     assert all(claim.rule for claim in report.claims if claim.verdict != "cannot be checked")
     text = " ".join(report.text().split())
-    assert "12 claims" in text and "no measured data" in text
+    assert "13 claims" in text and "no measured data" in text
     assert [row["key"] for row in report.claim_rows()] == [claim.key for claim in report.claims]
