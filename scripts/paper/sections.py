@@ -294,6 +294,20 @@ def three_sources(study: SectionsStudy) -> Claim:
     )
 
 
+def left_aside(study: SectionsStudy) -> Claim:
+    """Say what the paper leaves aside and nobody can judge."""
+    return Claim(
+        "left_aside",
+        "3 (b), (c), 5, 7 (1)",
+        "at low speed elastic deformation, vibration, following of drives and clearance do little, and beside the melt "
+        "the heat of motors and friction",
+        "only what weight bends at rest is in this study: the row of 3 (a)",
+        "cannot be checked",
+        "",
+        "the paper gives no speed, clearance, drive or power, and every pose of ours is a standstill",
+    )
+
+
 def heat_share(study: SectionsStudy) -> Claim:
     """Judge heat's part of the error."""
     heat = _rms(study.shares[1])
@@ -445,6 +459,7 @@ JUDGES: tuple[Callable[[SectionsStudy], Claim], ...] = (
     payload,
     one_centimetre,
     three_sources,
+    left_aside,
     heat_share,
     machining,
     weight,
