@@ -286,7 +286,7 @@ def refused(run, tmp_path, code, words, *arguments):
         (2, ("absent", "does not exist"), ["pose", *AT, "--html", "absent/view.html"]),
         (2, "it is a folder", ["pose", *AT, "--html", "."]),
         (2, "pictures are PNG; call it view.png", ["pose", *AT, "--png", "view.jpg"]),
-        (2, "written as CSV; call it poses.csv", ["path", POSES, "--out", "poses.parquet"]),
+        (2, "written as .csv, not as .parquet", ["path", POSES, "--out", "poses.parquet"]),
         (2, "one of a command, --path and --campaign", ["view", *AT, "--path", POSES, "--no-browser"]),
         (2, "absent.csv", ["view", "--campaign", "absent.csv", "--no-browser"]),
         (2, "same file", ["pose", *AT, "--html", "view", "--png", "view"]),

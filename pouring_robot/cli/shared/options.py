@@ -68,11 +68,13 @@ def _new_png(context: typer.Context, path: Path | None) -> Path | None:
 
 
 def _new_csv(context: typer.Context, path: Path | None) -> Path | None:
-    """Return the path of a table to write, as ``_new`` does; by its name it may not be read as another format."""
-    from pouring_robot.io.tables import EXCEL_SUFFIXES, PARQUET_SUFFIXES
+    """Return the path of a CSV to write, as ``_new`` does; by its name it may not be read as another format."""
+    if path is not None and path.suffix not in ("", ".csv"):
+        from pouring_robot.io.files import check_ending
+        from pouring_robot.io.tables import EXCEL_SUFFIXES, PARQUET_SUFFIXES
 
-    if path is not None and path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
-        raise BadInputError(f"{path}: this table is written as CSV; call it {path.with_suffix('.csv')}")
+        if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
+            check_ending(path, (".csv",))
     return _new(context, path)
 
 
