@@ -100,7 +100,12 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
     That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
     link of what it carries there, (3,), in the joint's own axes, in m.
     """
-    return [(joint, link, place) for joint in places for link, place in _on_links(robot, joint, places)]
+    found = []
+    for joint in places:
+        link, placed = standing(robot)[joint]
+        found.append((joint, link, _lever(placed)))
+        found += [(joint, below, placed.rotation.T @ place) for below, place in _carried(robot, link, places)]
+    return found
 
 
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
@@ -110,39 +115,31 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
     """
     model = robot.mechanism().shared_model
-    ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
-    pairs = [(_carrier(model, chain), _carrier(model, other)) for chain, other in ends]
+    ends = [(loop.frame_a, _carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
     return [
-        (seat.name, link, -place)
-        for end, seat in pairs
-        if end.type == pin.FrameType.FIXED_JOINT and end.name not in places and seat.name in places
-        for link, place in _on_links(robot, end.name, places)
+        (seat, link, -place) for end, seat in ends if seat in places for link, place in _carried(robot, end, places)
     ]
 
 
 def end_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, FloatArray]]:
-    """Return what the last links do to the end frame, which no joint of ``places`` carries: link and place in its axes.
+    """Return what the last links do to the end frame, behind the last of ``places`` or joint that moves.
 
-    The place is that of the end frame, or of what carries it there, on that link, (3,), in m.
+    That is a link, and the place on it of what it carries there, (3,), in the axes of the end frame, in m.
     """
-    carrier = _carrier(robot.mechanism().shared_model, robot.loops.end_frame or "universe")
-    if carrier.type != pin.FrameType.FIXED_JOINT or carrier.name in places:
-        return []
-    return list(_on_links(robot, carrier.name, places))
+    return list(_carried(robot, robot.loops.end_frame, places)) if robot.loops.end_frame else []
 
 
-def _on_links(robot: RobotDefinition, joint: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield links that carry a joint, up to the next of ``places`` or that moves, and its place there, in its axes."""
-    model, known = robot.mechanism().shared_model, standing(robot)
-    (link, placed), turned = known[joint], known[joint][1].rotation
-    while True:
+def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Yield links that carry one through fixed joints, none of ``places``, and the place of each step, in its axes."""
+    model, turned = robot.mechanism().shared_model, np.eye(3)
+    carrier = _carrier(model, link)
+    while carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places):
+        if link == robot.loops.base_frame:
+            return
+        link, placed = standing(robot)[carrier.name]
+        turned = placed.rotation @ turned
         yield link, np.asarray(turned.T @ placed.translation)
         carrier = _carrier(model, link)
-        fixed = carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places)
-        if not fixed or link == robot.loops.base_frame:
-            return
-        link, placed = known[carrier.name]
-        turned = placed.rotation @ turned
 
 
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
