@@ -18,7 +18,7 @@ Frame = tuple[float, float, float, float, float, float]
 
 def plan(
     *,
-    out: Annotated[Path, options.writes("Plan to write; 'campaign simulate' reads it.", options.CSV)],
+    out: Annotated[Path, options.writes_csv("Plan to write; 'campaign simulate' reads it.")],
     poses: Annotated[int, options.opt("How many poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,

@@ -37,7 +37,7 @@ class Asked:
             metavar="NAME",
         ),
     ] = None
-    out: Annotated[Path | None, options.writes("Write the commands, one row a pose.", options.CSV)] = None
+    out: Annotated[Path | None, options.writes_csv("Write the commands, one row a pose.")] = None
     at_once: options.AtOnce = False
     header: Annotated[
         Path | None, options.writes("Write a C function that compensates, in place of poses.", "FILE.h")

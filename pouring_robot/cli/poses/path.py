@@ -29,7 +29,7 @@ def path(
     which: bundles.Which,
     under: bundles.Under,
     as_json: options.AsJson = False,
-    out: Annotated[Path | None, options.writes("Write the table.", options.CSV)] = None,
+    out: Annotated[Path | None, options.writes_csv("Write the table.")] = None,
     drawing: bundles.Drawing,
     at_once: options.AtOnce = False,
     heat: bundles.Heat,

@@ -101,7 +101,7 @@ def thermal(
     conduction_only: Annotated[
         bool, options.opt("Leave radiation out, as the paper's first analysis does.", "--conduction-only")
     ] = False,
-    csv: Annotated[Path | None, options.writes("Write every element, or every row of a shift.", options.CSV)] = None,
+    csv: Annotated[Path | None, options.writes_csv("Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     moved: Moved,
     html: Annotated[

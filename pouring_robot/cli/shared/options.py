@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
-CSV = "FILE.csv"
 
 
 def _be_quiet(wanted: bool) -> bool:
@@ -71,10 +70,10 @@ def _new_csv(context: typer.Context, path: Path | None) -> Path | None:
     """Return the path of a CSV to write, as ``_new`` does; by its name it may not be read as another format."""
     if path is not None and path.suffix not in ("", ".csv"):
         from pouring_robot.io.files import check_ending
-        from pouring_robot.io.tables import EXCEL_SUFFIXES, PARQUET_SUFFIXES
+        from pouring_robot.io.tables import CSV_SUFFIXES, EXCEL_SUFFIXES, PARQUET_SUFFIXES
 
         if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
-            check_ending(path, (".csv",))
+            check_ending(path, CSV_SUFFIXES)
     return _new(context, path)
 
 
@@ -93,7 +92,12 @@ def reads(help: str, metavar: str = "FILE") -> Any:
 
 def writes(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return opt(help, metavar=metavar, callback=_new_csv if metavar == CSV else _new)
+    return opt(help, metavar=metavar, callback=_new)
+
+
+def writes_csv(help: str) -> Any:
+    """Return the option of a CSV to write, as :func:`writes` does."""
+    return opt(help, metavar="FILE.csv", callback=_new_csv)
 
 
 def argument(metavar: str, help: str) -> Any:
