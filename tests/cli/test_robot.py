@@ -311,19 +311,25 @@ def test_loops_are_proposed_where_branches_meet(run, tmp_path):
     assert "#     - {name: loop_1, frame_a: left_tip, frame_b: right_tip, type: 3d}" in text
 
 
+def posed_mast(run, tmp_path, more, locked):
+    """Return what is printed of a pose of the mast with more links, of which a first file locks a joint."""
+    (tmp_path / "mast.urdf").write_text(MAST.replace("</robot>", f"{more}</robot>"), encoding="utf-8")
+    code, out, err = run("robot", "init", "mast.urdf")
+    assert (code, err) == (0, "")
+    assert "ground to tool0, 2 drives: lift (length), pan (angle)" in " ".join(out.split())
+    assert f"locked_joints: [{locked}]" in (tmp_path / "robot.yaml").read_text(encoding="utf-8")
+    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "1000 90")
+    assert (code, err) == (0, "")
+    return out
+
+
 def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
     """A mast whose slides follow a joint of a branch of its own; and fingers, locked, that cannot close wholly."""
     finger = '<link name="{n}"/><joint name="{n}_slide" type="prismatic"><parent link="arm"/><child link="{n}"/>{says}'
     limits = '<axis xyz="0 1 0"/><limit lower="0.002" upper="0.05" effort="1" velocity="1"/></joint>'
     follows = '<mimic joint="left_slide"/>'
     fingers = finger.format(n="left", says="") + limits + finger.format(n="right", says=follows) + limits
-    (tmp_path / "mast.urdf").write_text(MAST.replace("</robot>", f"{fingers}</robot>"), encoding="utf-8")
-    code, out, err = run("robot", "init", "mast.urdf")
-    assert (code, err) == (0, "")
-    assert "ground to tool0, 2 drives: lift (length), pan (angle)" in " ".join(out.split())
-    assert "locked_joints: [left_slide]" in (tmp_path / "robot.yaml").read_text(encoding="utf-8")
-    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "1000 90")
-    assert (code, err) == (0, "")
+    out = posed_mast(run, tmp_path, fingers, locked="left_slide")
     height = next(line for line in out.splitlines() if "nominal" in line)
     assert "800.000" in height  # half of the lift and 0.2 m, 0.1 m up to the tool
     moved = (
@@ -338,13 +344,7 @@ def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
 @pytest.mark.parametrize("kind", ["floating", "planar"])
 def test_poses_of_an_arm_that_floats_or_rolls_are_seen_from_what_carries_it(run, tmp_path, kind):
     under = f'<link name="hall"/><joint name="root" type="{kind}"><parent link="hall"/><child link="ground"/></joint>'
-    (tmp_path / "mobile.urdf").write_text(MAST.replace("</robot>", f"{under}</robot>"), encoding="utf-8")
-    code, out, err = run("robot", "init", "mobile.urdf")
-    assert (code, err) == (0, "")
-    assert "ground to tool0, 2 drives: lift (length), pan (angle)" in " ".join(out.split())
-    assert "locked_joints: [root]" in (tmp_path / "robot.yaml").read_text(encoding="utf-8")
-    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "1000 90")
-    assert (code, err) == (0, "")
+    posed_mast(run, tmp_path, under, locked="root")
 
 
 def test_a_xacro_is_taken_as_one(run, tmp_path):
