@@ -1,6 +1,7 @@
 """Which effects there are: those of a robot's causes, those that packages offer, and those that a model file has.
 
-A package offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
+Within this package an effect is of a family (``families/``), whose name stands in :data:`FAMILIES`. Another package
+offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
 
     [project.entry-points."pouring_robot.effects"]
     screw_wear = "my_package.effects:ScrewWear"

@@ -1,4 +1,4 @@
-"""From temperatures to the model's local parameters: legs longer, platforms grown.
+"""From temperatures to the local parameters of the pouring robot's model: legs longer, platforms grown.
 
 A leg that is warmer than the drawing's temperature by ΔT(s) is longer by ∫ α ΔT ds. With the drive's own offset the
 convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms grow about their origins, so that
