@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.inference.search import SearchOptions
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
@@ -64,25 +64,25 @@ class Findings:
 
     Args:
         rows: complete rows.
-        options: thresholds of the search.
+        thresholds: what an explanation must be worth.
 
     Raises:
         DiagnosisError: too few rows, or a focus that never changes.
     """
 
-    def __init__(self, rows: FocusRows, options: SearchOptions | None = None) -> None:
+    def __init__(self, rows: FocusRows, thresholds: Thresholds | None = None) -> None:
         """Search."""
         if len(rows) < LEAST_ROWS:
             raise DiagnosisError(f"{len(rows)} complete rows, {LEAST_ROWS} are needed", "give more rows")
         spread = least_squares(rows, []).std_um
         if spread <= 1e-9 * float(np.abs(rows.focus_um).max(initial=1.0)):
             raise DiagnosisError("the focus is the same in every row", "give the table as it was measured")
-        self.rows, self.options = rows, options or SearchOptions()
+        self.rows, self.thresholds = rows, thresholds or Thresholds()
         self.forms = forms(rows)
         noises = np.geomspace(spread / 40.0, 1.2 * spread, _NOISES)
         choice = float(np.log(max(sum(is_night(key) for key in self.forms), 1)))
         self.core = UnknownNoise(
-            lambda noise: problem_at(rows, noise), noises, self.options, lambda key: choice if is_night(key) else 0.0
+            lambda noise: problem_at(rows, noise), noises, self.thresholds, lambda key: choice if is_night(key) else 0.0
         )
         self.keys: Keys = self.core.best()
 

@@ -18,7 +18,8 @@ from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process, columns_of
-from pouring_robot.inference.search import SearchOptions, search
+from pouring_robot.inference.search import search
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import FloatArray
 
 Key = tuple[str, str]
@@ -54,7 +55,7 @@ class UnknownNoise:
     Args:
         problem_at: returns the problem for a noise.
         noises: shape (g,), evenly spread in their logarithm.
-        options: thresholds of the search.
+        thresholds: what an explanation must be worth.
         price: nats that an explanation costs beyond the threshold, because it was picked from many of its kind.
         every: the search is run at every so-manieth noise; what it finds is weighed at all.
     """
@@ -63,12 +64,12 @@ class UnknownNoise:
         self,
         problem_at: Callable[[float], Problem],
         noises: FloatArray,
-        options: SearchOptions,
+        thresholds: Thresholds,
         price: Callable[[Key], float] = lambda key: 0.0,
         every: int = 3,
     ) -> None:
         """Build the problems."""
-        self.noises, self.options, self._price, self._every = noises, options, price, every
+        self.noises, self.thresholds, self._price, self._every = noises, thresholds, price, every
         self.problems = [problem_at(noise) for noise in noises.tolist()]
         self.degrees = len(self.problems[0].residual) - self.problems[0].nuisance.dof
         self._known: dict[frozenset[Key], Weighed] = {}
@@ -94,7 +95,9 @@ class UnknownNoise:
 
         With the noise integrated over, too, every explanation must be worth the search's threshold and its price.
         """
-        found = {frozenset(item.key for item in search(p, self.options).items) for p in self.problems[:: self._every]}
+        found = {
+            frozenset(item.key for item in search(p, self.thresholds).items) for p in self.problems[:: self._every]
+        }
         found |= {keys - {key} for keys in found for key in keys} | {frozenset()}
         found = {keys for keys in found if len({effect for effect, _ in keys}) == len(keys)}  # one form of each effect
         while True:
@@ -109,7 +112,7 @@ class UnknownNoise:
         return tuple(sorted(sizes, key=lambda key: -sizes[key]))
 
     def _worth(self, keys: frozenset[Key]) -> float:
-        paid = sum(self.options.least_evidence + self._price(key) for key in keys)
+        paid = sum(self.thresholds.least_evidence + self._price(key) for key in keys)
         return self.weighed(keys).log_evidence - paid
 
     def noise(self, keys: Keys) -> tuple[float, float]:

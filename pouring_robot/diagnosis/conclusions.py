@@ -27,7 +27,7 @@ class Conclusions(Findings):
     @cached_property
     def where(self) -> Where:
         """Where the given model and the data disagree."""
-        rate = self.diagnoser.search_options.false_names
+        rate = self.diagnoser.thresholds.false_names
         return disagreements(self.free_residuals, self.rows.conditions, rate)
 
     @cached_property

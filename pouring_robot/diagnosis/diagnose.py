@@ -31,12 +31,12 @@ from pouring_robot.estimation.noise import largest_noise
 from pouring_robot.estimation.repeats import noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
-from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor
+from pouring_robot.inference.decision import judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import SearchOptions
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -228,10 +228,10 @@ class _Work:
             fitted[parts.test] = False
         self.say("searching for effects", 0, 0)
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
-        options = SearchOptions(false_names=self.options.false_names)
+        thresholds = Thresholds(self.options.false_names)
         library, at = Library.of(rows, self.effects, self.options.made_within), None
         for _ in range(_NOISE_ROUNDS):
-            diagnoser, noise = Diagnoser(rows, library, fitted, options), rows.noise
+            diagnoser, noise = Diagnoser(rows, library, fitted, thresholds), rows.noise
             after, hypothesis = diagnoser.found(start, at)
             better = noise_left(noise, noise.open_kinds, after, hypothesis) if noise.from_residuals else noise
             if better.apart(noise) < _NOISE_SETTLED:
@@ -258,7 +258,7 @@ class _Work:
         judgement = judge(
             hypothesis,
             Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
-            Thresholds(self.options.false_names),
+            diagnoser.thresholds,
             noise_known=known,
             unexplained=misfit,
             varied=lambda effect: varied(

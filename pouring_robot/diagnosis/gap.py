@@ -199,7 +199,7 @@ def few(seen: WhitenedRows, fitted: BoolArray) -> bool:
 
 def _searched(diagnoser: Diagnoser, problem: Problem, block: BoolArray) -> tuple[FloatArray, frozenset[str]]:
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
-    found = search(problem.of(~block), diagnoser.search_options)
+    found = search(problem.of(~block), diagnoser.thresholds)
     left = problem.residual - found.on(problem).columns @ np.concatenate([np.zeros(0), *found.values])
     return left, frozenset(item.effect for item in found.items if item.cause)
 

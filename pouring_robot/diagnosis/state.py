@@ -16,7 +16,8 @@ from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, chance_level, search
+from pouring_robot.inference.search import search
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
@@ -68,7 +69,7 @@ class Diagnoser:
     rows: CampaignRows  # the campaign
     library: Library  # what may be found
     fitted: BoolArray  # rows that may be fitted, (n,); the others play no part
-    options: SearchOptions = DEFAULT_SEARCH  # thresholds of the search
+    asked: Thresholds = DEFAULT_THRESHOLDS  # that hold in any campaign
 
     @functools.cached_property
     def _frames_at_rest(self) -> SeenFrom:
@@ -79,12 +80,12 @@ class Diagnoser:
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
-    def search_options(self) -> SearchOptions:
-        """Thresholds of the search that hold in this campaign, too: what the evidence of an effect is by chance."""
-        return self._options_in(self.problem_at(self.at_rest()))
+    def thresholds(self) -> Thresholds:
+        """Those that hold in this campaign: by chance the best of all effects is worth something."""
+        return self._thresholds_in(self.problem_at(self.at_rest()))
 
-    def _options_in(self, problem: Problem) -> SearchOptions:
-        return replace(self.options, by_chance=chance_level(Hypothesis.nothing(problem), self.options.false_names))
+    def _thresholds_in(self, problem: Problem) -> Thresholds:
+        return replace(self.asked, by_chance=chance_level(Hypothesis.nothing(problem), self.asked.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
@@ -119,7 +120,7 @@ class Diagnoser:
                 if moved < _SETTLED:
                     break
             hypothesis = hypothesis.on(self.problem_at(state))
-            hypothesis = search(hypothesis.problem, self.search_options, hypothesis)
+            hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
             if hypothesis.keys == keys:
                 break
         return self.settled(state, hypothesis)
@@ -142,11 +143,11 @@ class Diagnoser:
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
         """Search at a state that nothing was found at."""
         problem = self.problem_at(state)
-        if "search_options" not in vars(self):  # worked out by themselves they would linearise all rows once more
-            vars(self)["search_options"] = self._options_in(problem)
+        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
+            vars(self)["thresholds"] = self._thresholds_in(problem)
         if start and not start.keys <= {item.key for item in problem.explanations}:
             start = None  # other rows may have no such form: another session, forces that differ by less
-        return search(problem, self.search_options, start.on(problem) if start else None)
+        return search(problem, self.thresholds, start.on(problem) if start else None)
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""

@@ -1,5 +1,4 @@
 from .decision import Judgement as Judgement
-from .decision import Thresholds as Thresholds
 from .decision import judge as judge
 from .discrepancy import Discrepancy as Discrepancy
 from .explanations import Explanation as Explanation
@@ -8,4 +7,4 @@ from .explanations import Problem as Problem
 from .explanations import Workmanship as Workmanship
 from .hypotheses import Hypothesis as Hypothesis
 from .processes import Process as Process
-from .search import SearchOptions as SearchOptions
+from .thresholds import Thresholds as Thresholds

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit, logsumexp, ndtri, softmax
+from scipy.special import expit, logsumexp, softmax
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
-from pouring_robot.inference.search import DEFAULT_SEARCH, credible
+from pouring_robot.inference.search import credible
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.mechanism.arrays import rms
 
 Varied = Callable[[str], Iterable[Process]]
@@ -22,41 +23,7 @@ Varied = Callable[[str], Iterable[Process]]
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 
 
-@dataclass(frozen=True)
-class Thresholds:
-    """When something counts. What each limit is worth: docs/blind_trials.md, "What each choice is worth"."""
-
-    # rate of false answers that is accepted; docs/inference.md, "One number decides", derives from it. What is one of n
-    # things that were tried must be worth n over this rate (see :class:`~.search.SearchOptions`): structure in what is
-    # left, a process against a cause, workmanship where nothing else is found.
-    false_names: float = DEFAULT_SEARCH.false_names
-    structure_size: float = 0.3  # its least size, in noise standard deviations
-    # its least share of the largest named effect with a form that nature need not keep to: below, it is that form
-    structure_share: float = 0.05
-    # an effect smaller than this share of the largest one (docs/inference.md, "What is no cause") must be worth, ...
-    minor_share: float = 0.12
-    # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
-    minor_evidence: float = 25.0
-
-    def evidence_of_one_in(self, tried: int) -> float:
-        """Return the log evidence that one of so many things must be worth, in nats."""
-        return float(np.log(max(tried, 1) / self.false_names))
-
-    @property
-    def hidden(self) -> float:
-        """Sum of squares, in noise variances, that such data hardly show; who leaves no more explains as well.
-
-        What an effect leaves of another one's part, d in noise variances, makes their log evidences differ by d/2 with
-        a standard deviation of √d. It is seen if that reaches the evidence asked for four times in five, the usual
-        power of a test (Cohen, Statistical power analysis, 1988).
-        """
-        beyond = float(ndtri(_POWER))
-        return float((beyond + np.sqrt(beyond**2 + 2.0 * self.evidence_of_one_in(1))) ** 2)
-
-
-DEFAULT_THRESHOLDS = Thresholds()
 _MOST_PARTS = 3
-_POWER = 0.8
 
 
 @dataclass(frozen=True)

@@ -3,46 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """When an explanation counts."""
-
-    # rate of false names that is accepted where nothing is missing. What is not at work is seen with a Bayes factor of
-    # K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the forms of an effect
-    # sharing its probability, one over this rate is what an effect must be worth (docs/inference.md, "One number
-    # decides").
-    false_names: float = 0.01
-    # what it must be worth at least because so many effects are tried, in nats (:func:`chance_level`)
-    by_chance: float = 0.0
-    most_effects: int = 5  # how many may be found
-    branches: int = 3  # how many effects are tried in full at every step
-    # share of an effect's part that its main parameters must be able to make; for this and ``most_cancelled`` see
-    # docs/inference.md, "What is no cause"
-    least_main_share: float = 0.4
-    # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
-    # others, and they are no causes but ways to fit together what is none of them
-    most_cancelled: float = 3.0
-
-    @property
-    def least_evidence(self) -> float:
-        """Log evidence that one more effect must be worth, in nats."""
-        return max(-float(np.log(self.false_names)), self.by_chance)
-
-
-DEFAULT_SEARCH = SearchOptions()
-CHANCE_DRAWS, CHANCE_SEED = 1000, 0
-_ROUNDING = 1e-13
-"""Of a column's own square, what is left of it beside workmanship that takes it up whole."""
+_BRANCHES = 3
+"""How many effects are tried in full at every step."""
 _BRANCH_BEHIND = 30.0
 """How far behind, in nats, what is tried may be at first sight: what is further does not catch up when it settles."""
 _WORTH_TRYING = 0.6
@@ -52,77 +21,48 @@ _BEYOND_DOUBT = 200.0
 """Log evidence beyond which no workmanship takes the place of an item, in nats."""
 
 
-def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
-    """Return the log evidence that the best cause exceeds at a rate where none is at work, in nats.
-
-    A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.
-    Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
-    products through C for covariance, so that no residual has to be drawn.
-    """
-    problem, every = null.problem, np.arange(len(null.problem.gram.projected), dtype=np.intp)
-    inner = null.everything.inner(every, every)
-    left, own = inner.diagonal(), problem.gram.columns.diagonal()
-    lengths = np.sqrt(np.where(left > _ROUNDING * own, left, 0.0))
-    inverse = np.divide(1.0, lengths, out=np.zeros(len(left)), where=lengths > 0.0)
-    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose; of
-    # columns of one length, as the root of the longest's rounding may be more than the shortest.
-    squared, axes = eigen(inner * np.outer(inverse, inverse))
-    spread = lengths[:, None] * ((axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T)
-    projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
-    largest = np.zeros(draws)
-    for item in problem.explanations:
-        if item.cause and problem.shown(item):
-            places = problem.places(item)
-            found = evidences(
-                inner[places[:, None], places],
-                projected[places],
-                item.main,
-                problem.shaping_units[item.key],
-            )
-            largest = np.maximum(largest, found + problem.log_priors[item.effect])
-    return float(np.quantile(largest, 1.0 - rate))
-
-
-def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:
+def search(
+    problem: Problem, thresholds: Thresholds = DEFAULT_THRESHOLDS, start: Hypothesis | None = None
+) -> Hypothesis:
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
     (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
     """
-    current = _found(start.settled() if start else Hypothesis.nothing(problem), options)
+    current = _found(start.settled() if start else Hypothesis.nothing(problem), thresholds)
     for _ in range(_MOST_REFUSED):
-        wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
+        wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, thresholds)]
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
         refused = {current.items[worst].key}
-        if impossible(current, worst, options):  # in any form
+        if impossible(current, worst, thresholds):  # in any form
             refused = {item.key for item in problem.explanations if item.effect == current.items[worst].effect}
         rest = current.without_items(wrong)
-        current = _found(replace(rest, barred=rest.barred | refused), options)
+        current = _found(replace(rest, barred=rest.barred | refused), thresholds)
     return current
 
 
-def _found(start: Hypothesis, options: SearchOptions) -> Hypothesis:
-    return _divided(_ascended(start, options), options)
+def _found(start: Hypothesis, thresholds: Thresholds) -> Hypothesis:
+    return _divided(_ascended(start, thresholds), thresholds)
 
 
-def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
+def _ascended(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
     """Add explanations as long as each is worth its place."""
-    while len(current.items) < options.most_effects:
-        tried = sorted(_forward(current, options), key=lambda h: -h.log_evidence)[: options.branches]
+    while len(current.items) < thresholds.most_effects:
+        tried = sorted(_forward(current, thresholds), key=lambda h: -h.log_evidence)[:_BRANCHES]
         # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
         close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
-        close = [backward(reconsidered(h, options), options) for h in close]
-        close = [h for h in close if not cancelling(h, options)]
+        close = [backward(reconsidered(h), thresholds) for h in close]
+        close = [h for h in close if not cancelling(h, thresholds)]
         best = max(close, key=lambda h: h.log_evidence, default=current)
-        if best.log_evidence < current.log_evidence + options.least_evidence:
+        if best.log_evidence < current.log_evidence + thresholds.least_evidence:
             break
         current = best
-    return backward(current, options)
+    return backward(current, thresholds)
 
 
-def _divided(current: Hypothesis, options: SearchOptions) -> Hypothesis:
+def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
     """Return the hypothesis with single parameters of an effect in the place of many, where that is better.
 
     Steps of one explanation do not come from all lengths of an arm, beside a scale of everything, to the two that are
@@ -130,35 +70,35 @@ def _divided(current: Hypothesis, options: SearchOptions) -> Hypothesis:
     """
     for effect in current.effects:
         rest = current.without_items(current.of_effect(effect))
-        while len(rest.items) < options.most_effects:
+        while len(rest.items) < thresholds.most_effects:
             single = (item for item in rest.choices if item.effect == effect and item.columns.shape[1] == 1)
             worth, item = next(rest.ranked(single), (None, None))
-            if worth is None or item is None or worth.evidence < options.least_evidence:
+            if worth is None or item is None or worth.evidence < thresholds.least_evidence:
                 break
             rest = rest.with_item(item, worth.scale)
         # As far behind it does not catch up when its neighbours are reconsidered.
         if rest.log_evidence > current.log_evidence - _BRANCH_BEHIND and rest.of_effect(effect):
-            rest = backward(reconsidered(rest, options), options)
-            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelling(rest, options):
+            rest = backward(reconsidered(rest), thresholds)
+            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelling(rest, thresholds):
                 current = rest
     return current
 
 
-def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+def cancelling(hypothesis: Hypothesis, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
     """Return whether a cause's part is so large that others undo it."""
-    gap = options.most_cancelled**2 * float(hypothesis.problem.gram.squared)
+    gap = thresholds.most_cancelled**2 * float(hypothesis.problem.gram.squared)
     return any(item.cause and hypothesis.squared_size(k) > gap for k, item in enumerate(hypothesis.items))
 
 
-def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+def credible(hypothesis: Hypothesis, index: int, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
-    return hypothesis.main_share(index) >= options.least_main_share
+    return hypothesis.main_share(index) >= thresholds.least_main_share
 
 
-def impossible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+def impossible(hypothesis: Hypothesis, index: int, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
     """Return whether only what nature allows keeps an item from being the effect it is called."""
     share = hypothesis.main_share(index, bounded=False)
-    return share >= options.least_main_share and not credible(hypothesis, index, options)
+    return share >= thresholds.least_main_share and not credible(hypothesis, index, thresholds)
 
 
 def impossible_effects(hypothesis: Hypothesis) -> tuple[str, ...]:
@@ -172,7 +112,7 @@ def impossible_effects(hypothesis: Hypothesis) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
+def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis]:
     """Yield the hypotheses of one more effect that look best at first sight.
 
     What workmanship took up may be an effect's: it is looked at beside it, and with none of it.
@@ -183,36 +123,36 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
         best = 0.0
         for worth, item in base.ranked(base.choices):
             best = best or worth.evidence
-            if len(seen) >= options.branches or worth.evidence <= 0.0 or worth.evidence < _WORTH_TRYING * best:
+            if len(seen) >= _BRANCHES or worth.evidence <= 0.0 or worth.evidence < _WORTH_TRYING * best:
                 break
             if item.effect not in seen:
                 seen.add(item.effect)
                 yield base.with_item(item, worth.scale)
 
 
-def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
+def reconsidered(hypothesis: Hypothesis) -> Hypothesis:
     """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
     for _ in range(3):
         before = hypothesis
         for item in hypothesis.items:
-            hypothesis = _exchanged(hypothesis, item.key, options)
+            hypothesis = _exchanged(hypothesis, item.key)
         if hypothesis is before:
             break
     return hypothesis
 
 
-def _exchanged(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> Hypothesis:
+def _exchanged(hypothesis: Hypothesis, key: tuple[str, str]) -> Hypothesis:
     """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
 
     Branches of the search meet again and again, so each exchange is looked for once. What is remembered is no
     hypothesis: that holds its problem, which would hold itself, and its columns, for long.
     """
-    asked = "exchanged", key, hypothesis.barred, options.branches
-    found = hypothesis.once(asked, lambda: _better(hypothesis, key, options))
+    asked = "exchanged", key, hypothesis.barred
+    found = hypothesis.once(asked, lambda: _better(hypothesis, key))
     return replace(hypothesis, **found) if found else hypothesis
 
 
-def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions) -> dict[str, Any]:
+def _better(hypothesis: Hypothesis, key: tuple[str, str]) -> dict[str, Any]:
     """Return what changes where a better explanation stands in the place of one; nothing where none is better.
 
     Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
@@ -232,18 +172,18 @@ def _better(hypothesis: Hypothesis, key: tuple[str, str], options: SearchOptions
         if other.log_evidence > hypothesis.log_evidence + 1e-6:
             return {"items": other.items, "scales": other.scales, "levels": other.levels}
         tried.add(item.effect)
-        if len(tried) == options.branches:
+        if len(tried) == _BRANCHES:
             break
     return {}
 
 
-def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
+def backward(hypothesis: Hypothesis, thresholds: Thresholds) -> Hypothesis:
     """Return the hypothesis without the items that are not worth their place."""
     while hypothesis.items:
         doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_bayes_factor(k).evidence < _BEYOND_DOUBT]
         shorter = [hypothesis.without_items((k,)) for k in doubtful]
         best = max(shorter, key=lambda h: h.log_evidence, default=None)
-        if best is None or best.log_evidence <= hypothesis.log_evidence - options.least_evidence:
+        if best is None or best.log_evidence <= hypothesis.log_evidence - thresholds.least_evidence:
             break
         hypothesis = best
     return hypothesis

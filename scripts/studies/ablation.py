@@ -30,6 +30,7 @@ from pouring_robot.diagnosis.problem import known_effects
 from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
 from pouring_robot.inference.processes import Process
+from pouring_robot.inference.thresholds import Thresholds
 from scripts.benchmarks.blind_metrics import failures
 from scripts.benchmarks.blind_trials import Job, campaigns, jobs, run
 from tests.diagnosis.trial import Trial
@@ -95,21 +96,17 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
     "effects that cancel are refused": lambda: _put(
-        diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)
+        diagnosing, "Thresholds", partial(Thresholds, most_cancelled=np.inf)
     ),
     "causes are challenged": lambda: _put(
         discrepancy.Discrepancy, "challenge", lambda self, indices: discrepancy.Challenge(Process("", "", {}), -np.inf)
     ),
     "several length scales": _one_length,
     "chance as something unknown": _no_chance,
-    "what data hardly show is an alternative": lambda: _put(decision.Thresholds, "hidden", property(lambda self: 0.0)),
-    "minor effects are not named": lambda: _put(
-        diagnosing, "Thresholds", partial(decision.Thresholds, minor_share=0.0)
-    ),
-    "least share of structure": lambda: _put(
-        diagnosing, "Thresholds", partial(decision.Thresholds, structure_share=0.0)
-    ),
-    "least size of structure": lambda: _put(diagnosing, "Thresholds", partial(decision.Thresholds, structure_size=0.0)),
+    "what data hardly show is an alternative": lambda: _put(Thresholds, "hidden", property(lambda self: 0.0)),
+    "minor effects are not named": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, minor_share=0.0)),
+    "least share of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_share=0.0)),
+    "least size of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_size=0.0)),
     "a likely grade of workmanship": lambda: _put(hypotheses, "_LEVEL_SPREAD", 1e6),
     "one constant has one value": lambda: _put(
         hypotheses.Hypothesis,
@@ -118,7 +115,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "soft joints": _no_softness,
     "the search goes on from what was found": lambda: _put(
-        state, "search", lambda problem, options, *_: search.search(problem, options)
+        state, "search", lambda problem, thresholds, *_: search.search(problem, thresholds)
     ),
     "what is far behind at first is not tried": lambda: _put(search, "_BRANCH_BEHIND", np.inf),
 }

@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.inference.decision import Thresholds
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.robot.model import RobotModel
 from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
 from tests.rig import Wanted

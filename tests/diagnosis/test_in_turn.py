@@ -8,7 +8,7 @@ import pytest
 from pouring_robot.diagnosis.gap import few, held_out_in_turn
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.inference.explanations import Explanation, Problem
-from pouring_robot.inference.search import DEFAULT_SEARCH
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 
 ROWS, SIGMA, SLOPE = 30, 1e-3, 40.0
 BLOCKS = np.array_split(np.arange(ROWS), 5)
@@ -25,7 +25,7 @@ def turned(residual, free):
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
         problem_at=lambda *_, **__: Problem.build(residual, linear.free, [], [item]),
-        search_options=DEFAULT_SEARCH,
+        thresholds=DEFAULT_THRESHOLDS,
         rows=Rows(),
     )
     return held_out_in_turn(diagnoser, state, state, BLOCKS, frozenset({"slope"}))

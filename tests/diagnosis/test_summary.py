@@ -41,7 +41,7 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import OutputError
-from pouring_robot.inference.decision import Thresholds
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot

@@ -9,7 +9,7 @@ import pytest
 
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.effects.families.drives import Periodic
-from pouring_robot.inference.search import DEFAULT_SEARCH
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 from pouring_robot.robot.description.definition import Drive
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
@@ -85,7 +85,7 @@ def test_a_stroke_from_a_home_within_it_is_mostly_made_by_the_lead_of_some_form(
         lead = next(p for p in bench.form("drive_scale", name).parameters if p.name == "l1_scale")
         course = lead.changes[CHANNELS[0]]
         shares.append((course @ wanted) ** 2 / ((course @ course) * (wanted @ wanted)))
-    assert max(shares) > 1.5 * DEFAULT_SEARCH.least_main_share
+    assert max(shares) > 1.5 * DEFAULT_THRESHOLDS.least_main_share
 
 
 def test_one_zero_alone_is_a_part_of_all(bench):

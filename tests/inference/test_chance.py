@@ -7,7 +7,7 @@ from scipy.stats import binom
 from pouring_robot.inference.evidence import bayes_factor, evidences
 from pouring_robot.inference.explanations import Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
-from pouring_robot.inference.search import SearchOptions, chance_level
+from pouring_robot.inference.thresholds import Thresholds, chance_level
 from tests.inference.problems import ROWS, explanation, library, problem
 
 
@@ -70,5 +70,5 @@ def test_columns_that_workmanship_takes_up_whole_make_no_chance(seed):
 
 
 def test_the_larger_threshold_counts():
-    assert SearchOptions(false_names=0.01, by_chance=2.0).least_evidence == pytest.approx(np.log(100.0))
-    assert SearchOptions(false_names=0.01, by_chance=7.0).least_evidence == 7.0
+    assert Thresholds(false_names=0.01, by_chance=2.0).least_evidence == pytest.approx(np.log(100.0))
+    assert Thresholds(false_names=0.01, by_chance=7.0).least_evidence == 7.0

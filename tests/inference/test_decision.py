@@ -16,7 +16,6 @@ from scipy.stats import norm
 from pouring_robot.inference.decision import (
     Cause,
     Judgement,
-    Thresholds,
     _above,
     _cause,
     _instead,
@@ -30,6 +29,7 @@ from pouring_robot.inference.evidence import LOG_SCALES, Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
 from pouring_robot.inference.processes import Process
+from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, log_density, problem
 
 AXES = np.eye(ROWS)

@@ -7,7 +7,8 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import SearchOptions, backward, reconsidered, search
+from pouring_robot.inference.search import backward, reconsidered, search
+from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, library, planted, problem
 
 
@@ -16,7 +17,7 @@ def test_nothing_is_found_on_noise():
     alarms = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        alarms += bool(search(problem(rng.normal(size=ROWS), library(rng)), SearchOptions(false_names=0.02)).items)
+        alarms += bool(search(problem(rng.normal(size=ROWS), library(rng)), Thresholds(false_names=0.02)).items)
     assert alarms <= 3
 
 
@@ -105,7 +106,7 @@ def test_what_only_shapes_does_not_stand_alone(rng):
     item = Explanation("shaped", "form", columns, np.array([True, False]))
     residual = 5.0 * columns[:, 1] + rng.normal(size=ROWS)
     assert search(problem(residual, [item])).items == ()
-    assert search(problem(residual, [item]), SearchOptions(least_main_share=0.0)).effects == ("shaped",)
+    assert search(problem(residual, [item]), Thresholds(least_main_share=0.0)).effects == ("shaped",)
 
 
 def test_two_forms_at_work_are_one_effect(rng):
@@ -118,7 +119,7 @@ def test_two_forms_at_work_are_one_effect(rng):
 
 def test_no_more_than_wanted_are_found(rng):
     items = library(rng)[::2]
-    found = search(problem(planted(rng, items[:4], [5.0] * 4), items), SearchOptions(most_effects=2))
+    found = search(problem(planted(rng, items[:4], [5.0] * 4), items), Thresholds(most_effects=2))
     assert len(found.items) == 2
 
 
@@ -128,8 +129,8 @@ def test_threshold_is_kept(rng):
     built = problem(planted(rng, items[:1], [0.6]), items[:1])
     worth = Hypothesis.nothing(built).candidate_bayes_factor(items[0]).evidence
     assert worth > 1.0
-    assert search(built, SearchOptions(false_names=np.exp(0.5 - worth))).effects == ("effect 0",)
-    assert search(built, SearchOptions(false_names=np.exp(-0.5 - worth))).items == ()
+    assert search(built, Thresholds(false_names=np.exp(0.5 - worth))).effects == ("effect 0",)
+    assert search(built, Thresholds(false_names=np.exp(-0.5 - worth))).items == ()
 
 
 def test_a_start_that_is_not_needed_is_dropped(rng):
@@ -137,14 +138,14 @@ def test_a_start_that_is_not_needed_is_dropped(rng):
     built = problem(planted(rng, [items[0]], [3.0]), items)
     start = Hypothesis(built, (items[5], items[0]), (Scale(1.0), Scale(1.0)), ())
     assert search(built, start=start).effects == ("effect 0",)
-    assert backward(start.settled(), SearchOptions()).effects == ("effect 0",)
+    assert backward(start.settled(), Thresholds()).effects == ("effect 0",)
 
 
 def test_a_wrong_item_is_exchanged(rng):
     items = library(rng)[::2]
     built = problem(planted(rng, [items[3]], [4.0]), items)
     wrong = Hypothesis(built, (items[2],), (Scale(1.0),), ()).settled()
-    assert reconsidered(wrong, SearchOptions()).effects == ("effect 3",)
+    assert reconsidered(wrong).effects == ("effect 3",)
 
 
 def test_order_of_the_library_does_not_matter():

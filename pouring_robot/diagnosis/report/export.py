@@ -10,7 +10,7 @@ from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
-from pouring_robot.inference.search import CHANCE_DRAWS, CHANCE_SEED
+from pouring_robot.inference.thresholds import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked
 from pouring_robot.io.units import MM
@@ -90,7 +90,7 @@ Metrics = dict[str, Any]
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``, which says where the amended model file is."""
-    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.search_options, diagnosis.after.frames
+    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",

@@ -250,7 +250,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
 def spare_lines(diagnosis: Conclusions) -> list[str]:
     """Return which effects were tried beside the named ones and are not asked for, with what they would be worth."""
     spare = diagnosis.spare if diagnosis.firm and diagnosis.verdict != "unknown" else {}
-    least = diagnosis.diagnoser.search_options.least_evidence
+    least = diagnosis.diagnoser.thresholds.least_evidence
     said = {effect: f"{effect} ({worth:+.1f} nats)" for effect, worth in spare.items()}
     below, above = ([said[e] for e, worth in spare.items() if (worth < least) == few] for few in (True, False))
     lines = [f"{', '.join(below)}; it takes {least:.1f} to be named"] if below else []
@@ -307,7 +307,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
     if verdict == "no_gap":
-        least = diagnosis.diagnoser.search_options.least_evidence
+        least = diagnosis.diagnoser.thresholds.least_evidence
         worths = {f"{n} ({worth:+.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
         near, bent = ([said for said, worth in worths.items() if (worth < least) == few] for few in (True, False))
         if near:

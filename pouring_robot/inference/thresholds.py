@@ -1,0 +1,103 @@
+"""When something counts: what an effect, structure or a process must be worth. Nothing here knows the robot.
+
+All evidence that is asked for follows from the accepted rate of false names (docs/inference.md, "One number decides");
+what each other limit is worth: docs/blind_trials.md, "What each choice is worth".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from pouring_robot.inference.evidence import eigen, evidences
+from pouring_robot.inference.hypotheses import Hypothesis
+
+CHANCE_DRAWS, CHANCE_SEED = 1000, 0
+_ROUNDING = 1e-13
+"""Of a column's own square, what is left of it beside workmanship that takes it up whole."""
+_POWER = 0.8
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When something counts."""
+
+    # rate of false names that is accepted where nothing is missing. What is not at work is seen with a Bayes factor of
+    # K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the forms of an effect
+    # sharing its probability, one over this rate is what an effect must be worth
+    false_names: float = 0.01
+    # what it must be worth at least because so many effects are tried, in nats (:func:`chance_level`)
+    by_chance: float = 0.0
+    most_effects: int = 5  # how many may be found
+    # share of an effect's part that its main parameters must be able to make; of this, ``most_cancelled``,
+    # ``minor_share`` and ``minor_evidence`` see docs/inference.md, "What is no cause"
+    least_main_share: float = 0.4
+    # how many times larger than the whole gap an effect's part may be (root mean squares): what is larger is undone by
+    # others, and they are no causes but ways to fit together what is none of them
+    most_cancelled: float = 3.0
+    structure_size: float = 0.3  # least size of structure in what is left, in noise standard deviations
+    # its least share of the largest named effect with a form that nature need not keep to: below, it is that form
+    structure_share: float = 0.05
+    # an effect smaller than this share of the largest one must be worth, ...
+    minor_share: float = 0.12
+    # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
+    minor_evidence: float = 25.0
+
+    @property
+    def least_evidence(self) -> float:
+        """Log evidence that one more effect must be worth to be named, in nats."""
+        return max(self.evidence_of_one_in(1), self.by_chance)
+
+    def evidence_of_one_in(self, tried: int) -> float:
+        """Return the log evidence that one of so many things must be worth, in nats.
+
+        Structure in what is left, a process against a cause, workmanship where nothing else is found.
+        """
+        return float(np.log(max(tried, 1) / self.false_names))
+
+    @property
+    def hidden(self) -> float:
+        """Sum of squares, in noise variances, that such data hardly show; who leaves no more explains as well.
+
+        What an effect leaves of another one's part, d in noise variances, makes their log evidences differ by d/2 with
+        a standard deviation of √d. It is seen if that reaches the evidence asked for four times in five, the usual
+        power of a test (Cohen, Statistical power analysis, 1988).
+        """
+        beyond = float(ndtri(_POWER))
+        return float((beyond + np.sqrt(beyond**2 + 2.0 * self.evidence_of_one_in(1))) ** 2)
+
+
+DEFAULT_THRESHOLDS = Thresholds()
+
+
+def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> float:
+    """Return the log evidence that the best cause exceeds at a rate where none is at work, in nats.
+
+    A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.
+    Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
+    products through C for covariance, so that no residual has to be drawn.
+    """
+    problem, every = null.problem, np.arange(len(null.problem.gram.projected), dtype=np.intp)
+    inner = null.everything.inner(every, every)
+    left, own = inner.diagonal(), problem.gram.columns.diagonal()
+    lengths = np.sqrt(np.where(left > _ROUNDING * own, left, 0.0))
+    inverse = np.divide(1.0, lengths, out=np.zeros(len(left)), where=lengths > 0.0)
+    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose; of
+    # columns of one length, as the root of the longest's rounding may be more than the shortest.
+    squared, axes = eigen(inner * np.outer(inverse, inverse))
+    spread = lengths[:, None] * ((axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T)
+    projected = spread @ np.random.default_rng(CHANCE_SEED).normal(size=(len(inner), draws))
+    largest = np.zeros(draws)
+    for item in problem.explanations:
+        if item.cause and problem.shown(item):
+            places = problem.places(item)
+            found = evidences(
+                inner[places[:, None], places],
+                projected[places],
+                item.main,
+                problem.shaping_units[item.key],
+            )
+            largest = np.maximum(largest, found + problem.log_priors[item.effect])
+    return float(np.quantile(largest, 1.0 - rate))
