@@ -20,7 +20,8 @@ import scipy.linalg
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, robust_terms, scatter, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.estimation.robust import Loss, robust_terms, typical_size
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -121,7 +122,7 @@ class Search:
     def _take(self, unknowns: Unknowns, prediction: Prediction) -> None:
         self.unknowns = unknowns
         self.equations = whiten(self.measured, self.rows.differentiate(unknowns, prediction))
-        self.widened = scatter(self.equations)
+        self.widened = typical_size(self.equations)
         self.cost = self._cost(unknowns, self.equations)
         _, self.weights = robust_terms(self.equations, self.loss, self.widened)
         self.scaled = self.equations.derivatives * self.prior_std

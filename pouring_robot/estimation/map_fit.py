@@ -29,7 +29,8 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, noise_shares, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError, FrameFitError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel

@@ -5,7 +5,8 @@ import pytest
 
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.residuals import robust_terms, whiten
+from pouring_robot.estimation.residuals import whiten
+from pouring_robot.estimation.robust import robust_terms
 from pouring_robot.exceptions import CalibrationError
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 

@@ -11,7 +11,8 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.map_fit import FitOptions, campaign_and_model, first_frames, identify
 from pouring_robot.estimation.measurement import Unknowns
-from pouring_robot.estimation.residuals import MeasuredPoses, robust_terms, scatter, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.robust import robust_terms, typical_size
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
@@ -73,7 +74,7 @@ def test_outliers_move_a_robust_fit_no_further_than_their_influence(drawing, los
     furthest = np.zeros_like(shift)
     for row in range(0, 80, 16):
         block = (equations.rows == row) & (equations.components < 3)
-        pull = np.sqrt(scipy.stats.chi2.ppf(0.99, 3)) * scatter(robust.equations)
+        pull = np.sqrt(scipy.stats.chi2.ppf(0.99, 3)) * typical_size(robust.equations)
         pull += np.linalg.norm(equations.residual[block])
         furthest += pull * np.linalg.norm((sound.covariance @ equations.jacobian[block].T)[FRAMES:], axis=1)
     assert (shift < 1.1 * furthest).all()  # to first order; a tenth for the rest
@@ -94,7 +95,7 @@ def test_losses_agree_on_small_residuals(drawing):
         cost, weights = robust_terms(equations, loss)
         assert 0.7 * linear < cost <= linear
         assert weights.max() <= 1.0
-    assert scatter(equations) < 1.5
+    assert typical_size(equations) < 1.5
     with pytest.raises(BadInputError, match="there is no loss"):
         robust_terms(equations, "cauchy")
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.residuals import WhitenedEquations, noise_shares, robust_terms, scatter
+from pouring_robot.estimation.residuals import WhitenedEquations
+from pouring_robot.estimation.robust import noise_shares, robust_terms, typical_size
 from pouring_robot.exceptions import BadInputError
 
 
@@ -33,10 +34,10 @@ def test_a_slip_in_one_coordinate_lowers_its_block_only():
 
 def test_scatter_is_one_for_noise_and_follows_what_is_larger():
     noise = np.random.default_rng(0).normal(size=6000)
-    assert scatter(equations(noise)) == pytest.approx(1.0, abs=0.05)
-    assert scatter(equations(4.0 * noise)) == pytest.approx(4.0, rel=0.05)
-    assert scatter(equations(0.1 * noise)) == 1.0
-    assert scatter(equations([])) == 1.0
+    assert typical_size(equations(noise)) == pytest.approx(1.0, abs=0.05)
+    assert typical_size(equations(4.0 * noise)) == pytest.approx(4.0, rel=0.05)
+    assert typical_size(equations(0.1 * noise)) == 1.0
+    assert typical_size(equations([])) == 1.0
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft_l1", "linear"])

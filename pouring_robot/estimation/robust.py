@@ -1,0 +1,79 @@
+"""The robust loss: what a row counts that is far off, and what noise alone makes of residuals so weighted.
+
+The coordinates of a row are judged together: one slip spoils all three.
+"""
+
+import functools
+from typing import Literal
+
+import numpy as np
+import scipy.special
+
+from pouring_robot.estimation.kinds import KINDS, kind_of
+from pouring_robot.estimation.residuals import WhitenedEquations
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray, Indices
+
+Loss = Literal["huber", "soft_l1", "linear"]
+_INLIER_SHARE = 0.99
+
+
+@functools.cache
+def _quantiles(share: float) -> FloatArray:
+    """Return what chi-square of 1 to 3 freedoms stays below with a probability, (4,); 1 in place of none."""
+    # Of scipy.special: importing scipy.stats takes longer than many a calibration.
+    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
+
+
+def _blocks(equations: WhitenedEquations) -> tuple[Indices, FloatArray, Indices]:
+    """Return the block of each equation, and of each block its squared size and number of components."""
+    blocks = len(KINDS) * equations.rows + kind_of(equations.components)
+    squared = np.bincount(blocks, equations.residual**2).astype(np.float64)
+    return blocks, squared, np.bincount(blocks)
+
+
+def typical_size(equations: WhitenedEquations) -> float:
+    """Return the median size of the blocks over what noise makes it, at least 1."""
+    _, squared, counts = _blocks(equations)
+    median = _quantiles(0.5)
+    kept = counts > 0
+    return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
+
+
+def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
+    """Return the summed loss, and the weight of each equation, shape (m,).
+
+    ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
+    """
+    blocks, squared, counts = _blocks(equations)
+    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], loss)
+    return float(cost.sum()), weight[blocks]
+
+
+def noise_shares(equations: WhitenedEquations, loss: Loss) -> FloatArray:
+    """Return what noise alone makes of each equation's squared weighted residual on average, shape (m,); linear: 1.
+
+    Proposal 2 of Huber, Robust Statistics (1981), holds a scale to this: a slip counts no more than its bound.
+    """
+    blocks, _, counts = _blocks(equations)
+    return np.array([1.0, *(_noise_share(loss, k) for k in (1, 2, 3))])[counts][blocks]
+
+
+@functools.cache
+def _noise_share(loss: Loss, components: int) -> float:
+    nodes, weights = scipy.special.roots_genlaguerre(64, 0.5 * components - 1.0)  # half a chi-square is a gamma
+    _, weight = _weighed(2.0 * nodes, np.full(64, np.sqrt(_quantiles(_INLIER_SHARE)[components])), loss)
+    return float((weights * weight**2) @ nodes / (weights @ nodes))
+
+
+def _weighed(squared: FloatArray, bound: FloatArray, loss: Loss) -> tuple[FloatArray, FloatArray]:
+    """Return the loss and the weight of blocks of a squared size."""
+    size = np.sqrt(squared)
+    if loss == "linear":
+        return squared, np.ones_like(squared)
+    if loss == "huber":
+        return np.where(size <= bound, squared, 2.0 * bound * size - bound**2), bound / np.maximum(size, bound)
+    if loss == "soft_l1":
+        root = np.sqrt(1.0 + squared / bound**2)
+        return 2.0 * bound**2 * (root - 1.0), 1.0 / root
+    raise BadInputError(f"there is no loss '{loss}'; use huber, soft_l1 or linear")
