@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -265,10 +265,14 @@ class CampaignRows:
 
     def column(self, parameter: EffectParameter, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of one parameter, times its usual size, shape (m,)."""
+        return parameter.prior_std * self.signature(parameter.changes, linear)
+
+    def signature(self, changes: Mapping[str, FloatArray], linear: LinearRows) -> FloatArray:
+        """Return what changes of local parameters, (n,) each, add to the prediction to first order, whitened, (m,)."""
         total = np.zeros(linear.residual.size)
-        for name, change in parameter.changes.items():
+        for name, change in changes.items():
             total += self.channel(name, linear) * change[linear.row]
-        return parameter.prior_std * total
+        return total
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad."""

@@ -10,6 +10,7 @@ from pouring_robot.diagnosis.parameters import FoundByKey, FoundParameter, Named
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.registry import local_changes
 from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
@@ -209,9 +210,7 @@ class Diagnoser:
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""
-        if not parameters:
-            return np.zeros(linear.residual.size)
-        return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
+        return self.rows.signature(local_changes(parameters, values.tolist()), linear)
 
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
