@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +143,11 @@ def read_table(
 
 
 def table_of(frame: Any, path: Path, error: type[TableError] = TableError) -> Table:
-    """Return a data frame of pandas as a table that would be at ``path``; rows are counted from 1."""
+    """Return a data frame of pandas as a table that would be at ``path``; rows are counted from 1.
+
+    An index with a name is a column, as it is in a file that pandas writes.
+    """
+    frame = frame.reset_index([name for name in frame.index.names if name is not None], allow_duplicates=True)
     headings = tuple(str(name).strip() for name in frame.columns)
     return Table(path, headings, np.arange(1, len(frame) + 1), error, None, lambda k: _cells(frame.iloc[:, k].tolist()))
 
@@ -167,7 +173,7 @@ def _number(cell: Any) -> float:
         if "_" in cell:  # Python would read 1_000 as 1000
             raise ValueError(cell)
         return float(cell) if cell.strip() else math.nan
-    if isinstance(cell, bool) or not isinstance(cell, int | float):
+    if isinstance(cell, bool) or not isinstance(cell, Real | Decimal):  # of numpy, too, but for its truth values
         raise ValueError(str(cell))
     return float(cell)
 
@@ -209,24 +215,25 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
     import pandas as pd
 
     try:
-        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object)
-    except ImportError as problem:
-        raise error(path, "Excel files need the package openpyxl: install it, or save the table as CSV") from problem
+        # Words such as NA stay what they are, so that only a cell with an error, such as #DIV/0!, has no value.
+        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object, keep_default_na=False)
+    except ImportError as problem:  # pandas says which package reads this kind
+        raise error(path, f"cannot be read: {' '.join(str(problem).split())} Or save the table as CSV") from problem
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
         raise error(path, "is no Excel file, or a damaged one; save it anew, or as CSV") from problem
-    sheets = {name: rows for name, frame in frames.items() if (rows := _rows_of(frame.itertuples(index=False)))}
+    sheets = {name: rows for name, frame in frames.items() if (rows := _rows_of(frame))}
     if len(sheets) > 1:
         named = ", ".join(f"'{name}'" for name in sheets)
         raise error(path, f"has the sheets {named}; keep the one with the table, or save that one as CSV")
     return next(iter(sheets.values()), [])
 
 
-def _rows_of(sheet: Iterable[Sequence[Any]]) -> _Rows:
+def _rows_of(frame: Any) -> _Rows:
     """Return line number and cells of every line of a sheet that holds something."""
-    rows = map(_cells, sheet)
-    return [(line, row) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
+    rows = frame.fillna("an error of Excel").itertuples(index=False)
+    return [(line, list(row)) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
 
 
 def _cells(given: Iterable[Any]) -> list[Any]:

@@ -1,12 +1,15 @@
 """One reader for all tables: the same cells from CSV and Parquet, and one line for what is wrong."""
 
+import math
+from decimal import Decimal
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from pouring_robot.exceptions import CampaignError, TableError
 from pouring_robot.io.quantities import UNITS, Quantity, read_quantities, to_inner
-from pouring_robot.io.tables import csv_text, read_table
+from pouring_robot.io.tables import csv_text, read_table, table_of
 from pouring_robot.robot.pose_table import read_pose_lines
 
 
@@ -51,19 +54,33 @@ def test_poses_from_parquet(tmp_path):
 
 
 def excel(monkeypatch, **sheets):
-    """Have any Excel file hold these sheets, rows of cells each."""
-    frames = {name: pd.DataFrame(rows, dtype=object) for name, rows in sheets.items()}
-    monkeypatch.setattr(pd, "read_excel", lambda path, sheet_name, header, dtype: frames)
+    """Have any Excel file hold these sheets, rows of cells each; an empty one is "", one with an error NaN."""
+
+    def read_excel(path, sheet_name, header, dtype, keep_default_na=True):
+        missing = ["", "NA"] if keep_default_na else []
+        return {name: pd.DataFrame(rows, dtype=object).replace(missing, math.nan) for name, rows in sheets.items()}
+
+    monkeypatch.setattr(pd, "read_excel", read_excel)
 
 
 def test_the_one_sheet_of_an_excel_file_that_is_not_empty(tmp_path, monkeypatch):
-    rows = [["x_mm", "y_mm", "z_mm", "tilt_deg"], [-100, 20, -600.0, 30], [None] * 4, [0, 0, "low", 0]]
-    excel(monkeypatch, blank=[[None, " "]], poses=rows, Sheet3=[])
+    rows = [["x_mm", "y_mm", "z_mm", "tilt_deg"], [-100, 20, -600.0, 30], [""] * 4, [0, 0, "low", 0]]
+    excel(monkeypatch, blank=[["", " "]], poses=rows, Sheet3=[])
     table = read_table(tmp_path / "poses.xlsx", "x_mm")
     assert table.lines.tolist() == [2, 4]
     assert table.numbers(0).tolist() == [-100.0, 0.0]
     with pytest.raises(TableError, match="line 4, column z_mm: 'low'"):
         table.numbers(2)
+
+
+def test_words_and_errors_in_excel_cells_are_not_missing_values(tmp_path, monkeypatch):
+    excel(monkeypatch, poses=[["session", "x_mm", "y_mm"], ["NA", "", "NA"], ["B", math.nan, 1]])
+    table = read_table(tmp_path / "poses.xlsx", "x_mm")
+    assert table.labels(0) == ("NA", "B")
+    with pytest.raises(TableError, match="line 3, column x_mm: 'an error of Excel' is not a usable number"):
+        table.numbers(1, sparse=True)
+    with pytest.raises(TableError, match="line 2, column y_mm: 'NA' is not a usable number"):
+        table.numbers(2, sparse=True)
 
 
 def test_an_excel_file_of_several_sheets_is_refused_and_of_none_is_empty(tmp_path, monkeypatch):
@@ -73,6 +90,13 @@ def test_an_excel_file_of_several_sheets_is_refused_and_of_none_is_empty(tmp_pat
     excel(monkeypatch, blank=[])
     with pytest.raises(TableError, match="is empty; line 1 must name the columns"):
         read_table(tmp_path / "poses.xlsx", "x_mm")
+
+
+def test_a_data_frame_holds_numbers_of_any_kind_and_columns_in_its_index(tmp_path):
+    frame = pd.DataFrame({"session": ["a", "b"], "x_mm": pd.Series([np.float32(0.5), Decimal("1.5")], dtype=object)})
+    table = table_of(frame.set_index("session"), tmp_path)
+    assert table.headings == ("session", "x_mm") and table.labels(0) == ("a", "b")
+    assert table.numbers(1).tolist() == [0.5, 1.5]
 
 
 def test_semicolons_and_decimal_commas_are_told(tmp_path):
@@ -89,7 +113,9 @@ def test_semicolons_and_decimal_commas_are_told(tmp_path):
 def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):
     path = tmp_path / "poses.xlsx"
     path.write_bytes(b"no workbook")
-    with pytest.raises(TableError, match=r"(need the package openpyxl|is no Excel file, or a damaged one)") as caught:
+    with pytest.raises(
+        TableError, match=r"(Import openpyxl.* Or save the table as CSV|is no Excel file, or a damaged one)"
+    ) as caught:
         read_pose_lines(path)
     assert "\n" not in str(caught.value)
 
