@@ -27,7 +27,7 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import of_commands, told
-from pouring_robot.effects.families.heat import standing
+from pouring_robot.effects.families.heat import carrier, standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects, learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
@@ -206,6 +206,9 @@ class RobotUnderConditions:
                 if link == own:
                     there = at * built[joint] if joint in built else at
                     carried[joint] = there.actInv(shift * there)
+            above = carrier(self.robot.nominal_solver.mechanism.shared_model, own)
+            if above.type == pin.FrameType.FIXED_JOINT and above.name != "universe":  # the chain may begin there, too
+                carried[above.name] = shift.inverse()
             model = model.displaced(carried, {})
         return self.robot.built_as(model)
 

@@ -24,6 +24,7 @@ from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DescriptionError, MissingConditionsError, NoSolutionError
+from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -100,21 +101,33 @@ def test_a_robot_stands_where_the_diagnosis_closes_it(bench, bare, rng, kind):
         assert np.abs(found - bare).max() >= 1e-6, "the effect must do something in these rows"
 
 
-@pytest.mark.parametrize("machine", sorted(MACHINES))
-def test_a_base_that_moves_takes_any_robot_along(machine):
-    """A closed form: the pose of the robot of the drawing behind the displacement of the base."""
-    model = RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml")
-    robot = robot_of(model)
-    home = model.definition.home_drives
+def moved_base(model):
+    """Return where a robot's end body is at home as its base moves, and by a closed form: behind that displacement."""
+    robot, home = robot_of(model), model.definition.home_drives
     moved = np.array([1e-3, -2e-3, 0.5e-3, 1e-3, 2e-3, -1e-3])
     names = [f"base.{name}" for name in ("tx", "ty", "tz", "rx", "ry", "rz")]
     structure = engine_for(robot.nominal_solver.mechanism).structure
     changes = RowChanges.of(dict(zip(names, moved[:, None], strict=True)), structure, 1)
     standing = RobotUnderConditions(robot, {})._standing(changes, 0, structure.site_joints)
     there = pin.SE3(pin.exp3(moved[3:]), moved[:3]) * robot.location_at(home).actual.pose_base_to_end
-    np.testing.assert_allclose(
-        standing.location_at(home).actual.pose_base_to_end.homogeneous, there.homogeneous, atol=1e-9
-    )
+    return standing.location_at(home).actual.pose_base_to_end.homogeneous, there.homogeneous
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_a_base_that_moves_takes_any_robot_along(machine):
+    found, there = moved_base(RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml"))
+    np.testing.assert_allclose(found, there, atol=1e-9)
+
+
+@pytest.mark.parametrize(("base", "end"), [("base", "tool0"), ("tool0", "base")])
+def test_a_base_frame_that_carries_nothing_moves_too(tmp_path, base, end):
+    """As that in which a UR's controller says poses; or the tool, seen from which the arm's foot moves."""
+    shipped = ROOT / "examples" / "machines" / "ur10" / "robot.yaml"
+    said = read_yaml(shipped) | {"base_frame": base, "end_frame": end, "payload_frame": end}
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml_text(said | {"urdf": str(shipped.with_name("ur10.urdf"))}), encoding="utf-8")
+    found, there = moved_base(RobotModel.for_robot(path))
+    np.testing.assert_allclose(found, there, atol=1e-9)
 
 
 def test_rows_alone_are_what_they_are_among_others(bench, rng):

@@ -89,7 +89,7 @@ def _lever(placed: pin.SE3) -> FloatArray:
     return np.asarray(placed.rotation.T @ placed.translation)
 
 
-def _carrier(model: pin.Model, link: str) -> pin.Frame:
+def carrier(model: pin.Model, link: str) -> pin.Frame:
     """Return the joint, fixed or moving, that carries a link."""
     return model.frames[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentFrame]
 
@@ -115,7 +115,7 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
     """
     model = robot.mechanism().shared_model
-    ends = [(loop.frame_a, _carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
+    ends = [(loop.frame_a, carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
     return [
         (seat, link, -place) for end, seat in ends if seat in places for link, place in _carried(robot, end, places)
     ]
@@ -132,14 +132,14 @@ def end_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
 def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
     """Yield links that carry one through fixed joints, none of ``places``, and the place of each step, in its axes."""
     model, turned = robot.mechanism().shared_model, np.eye(3)
-    carrier = _carrier(model, link)
-    while carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places):
+    joint = carrier(model, link)
+    while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):
         if link == robot.loops.base_frame:
             return
-        link, placed = standing(robot)[carrier.name]
+        link, placed = standing(robot)[joint.name]
         turned = placed.rotation @ turned
         yield link, np.asarray(turned.T @ placed.translation)
-        carrier = _carrier(model, link)
+        joint = carrier(model, link)
 
 
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
