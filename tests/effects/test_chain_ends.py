@@ -4,12 +4,16 @@ import dataclasses
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
+from pouring_robot.batch import engine_for
 from pouring_robot.effects.conditions import set_apart
-from pouring_robot.effects.families.heat import chain_ends, end_places, grown_places
+from pouring_robot.effects.families.heat import chain_ends, frame_places, grown_places
 from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.under import RobotUnderConditions
+from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.urdf import perturb_urdf
@@ -25,6 +29,13 @@ BRACKETED = """<robot name="bracketed">
   <joint name="lift" type="continuous"><parent link="bracket"/><child link="arm"/><axis xyz="0 1 0"/>
     <origin xyz="0.05 0 0.02" rpy="0 0.4 0"/></joint>
   <joint name="mount" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/></joint>
+</robot>"""
+FOOT = """<link name="floor"/><link name="foot"/><link name="marker"/>
+  <joint name="pillar" type="fixed"><parent link="floor"/><child link="foot"/>
+    <origin xyz="0 0.1 0.7" rpy="0 0 1"/></joint>
+  <joint name="plate" type="fixed"><parent link="foot"/><child link="base"/><origin xyz="0.2 0 0"/></joint>
+  <joint name="pole" type="fixed"><parent link="floor"/><child link="marker"/>
+    <origin xyz="-0.6 0.2 0.3" rpy="0 1 0"/></joint>
 </robot>"""
 ROBOT_FILE = """format: pouring_robot/robot/1
 name: bracketed
@@ -75,7 +86,7 @@ def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
     (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
     robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
-    ((link, place),) = end_places(robot.model.definition, ("pan", "lift"))
+    ((link, place),) = frame_places(robot.model.definition, "tip", ("pan", "lift"))
     assert link == "arm"
     location = robot.location_at([0.4, -0.3])
     grown = perturb_urdf(BRACKETED, {"mount": displacement(np.array([0.5 * strain, 0.0, 0.0]))})
@@ -89,6 +100,24 @@ def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
     form = all_effects(robot.model.definition)["link_thermal_expansion"].forms(turned)[0]
     moved = np.column_stack([form.parameters[0].changes[f"base.t{axis}"] for axis in "xyz"])
     np.testing.assert_allclose(moved, 1e-6 * np.arange(3.0)[:, None] * (rotation @ place), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("base", "end"), [("foot", "tip"), ("marker", "tip"), ("tip", "marker")])
+def test_a_robot_that_grows_evenly_is_the_same_robot_larger(tmp_path, base, end):
+    """Wherever it is seen from: also from beside its foot, or from the tool; and whichever joints may stand wrong."""
+    (tmp_path / "arm.urdf").write_text(BRACKETED.replace("</robot>", FOOT), encoding="utf-8")
+    said = ROBOT_FILE.replace("base_frame: base\nend_frame: tip", f"base_frame: {base}\nend_frame: {end}")
+    (tmp_path / "robot.yaml").write_text(said + "places: [lift]\n", encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    structure, drives = engine_for(robot.nominal_solver.mechanism).structure, [0.4, -0.3]
+    drawn = robot.location_at(drives).poses(end)[0]
+    rows, rises = bare_conditions(robot.model.definition, 1), {"ambient": np.array([100.0])}
+    warm = dataclasses.replace(rows, rotation=drawn.rotation[None], rises=rises)
+    form = all_effects(robot.model.definition)["link_thermal_expansion"].forms(warm)[0]
+    changes = RowChanges.of(form.parameters[0].changes, structure, 1)
+    grown = RobotUnderConditions(robot, {})._standing(changes, 0, structure.site_joints)
+    actual = grown.location_at(drives).actual.pose_base_to_end.translation
+    np.testing.assert_allclose(actual, (1.0 + 1e-4) * drawn.translation, rtol=0, atol=1e-12)
 
 
 def test_a_slide_spans_the_joints_at_its_ends():

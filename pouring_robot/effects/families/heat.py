@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.batch import engine_for
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
@@ -84,6 +85,12 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
     return found
 
 
+@functools.lru_cache(maxsize=16)
+def _chain_joints(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the joints whose placements make the pose: links carry all apart, also those made where they are drawn."""
+    return tuple(filter(None, engine_for(robot.mechanism()).structure.site_joints))
+
+
 def _lever(placed: pin.SE3) -> FloatArray:
     """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
     return np.asarray(placed.rotation.T @ placed.translation)
@@ -121,12 +128,12 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     ]
 
 
-def end_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, FloatArray]]:
-    """Return what the last links do to the end frame, behind the last of ``places`` or joint that moves.
+def frame_places(robot: RobotDefinition, frame: str | None, places: Collection[str]) -> list[tuple[str, FloatArray]]:
+    """Return what links do to the end frame or the base frame, behind the last of ``places`` or joint that moves.
 
-    That is a link, and the place on it of what it carries there, (3,), in the axes of the end frame, in m.
+    That is a link, and the place on it of what it carries there, (3,), in the axes of the frame, in m.
     """
-    return list(_carried(robot, robot.loops.end_frame, places)) if robot.loops.end_frame else []
+    return list(_carried(robot, frame, places)) if frame else []
 
 
 def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
@@ -134,8 +141,6 @@ def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iter
     model, turned = robot.mechanism().shared_model, np.eye(3)
     joint = carrier(model, link)
     while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):
-        if link == robot.loops.base_frame:
-            return
         link, placed = standing(robot)[joint.name]
         turned = placed.rotation @ turned
         yield link, np.asarray(turned.T @ placed.translation)
@@ -198,11 +203,13 @@ class LinksGrowth(Family):
 
         What measures a slide's travel, a screw or a scale of glass, grows like the frame, or not at all.
         """
-        prior_std, places = _PRIOR_STD_PPM, conditions.causes.placements.places
-        carried = grown_places(conditions.robot, places) + chain_ends(conditions.robot, places)
-        # What moves the end frame alone moves it as the base would.
-        ends = [("base", link, (conditions.rotation @ place).T) for link, place in end_places(conditions.robot, places)]
-        carried = [(joint, own.get(link, other), place) for joint, link, place in carried + ends if place.any()]
+        prior_std, robot, places = _PRIOR_STD_PPM, conditions.robot, _chain_joints(conditions.robot)
+        carried = grown_places(robot, places) + chain_ends(robot, places)
+        # What moves the end frame alone moves it as the base would, and what moves the base frame the other way round.
+        base, end = (frame_places(robot, name, places) for name in (robot.loops.base_frame, robot.loops.end_frame))
+        carried += [("base", link, -place) for link, place in base]
+        carried += [("base", link, (conditions.rotation @ place).T) for link, place in end]
+        carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
         followed = {by: conditions.rises[by] for _, by, _ in carried if by in conditions.rises}
 
         def changes(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -215,7 +222,7 @@ class LinksGrowth(Family):
 
         def slides(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             found = {}
-            for k, drive in enumerate(conditions.robot.drives):
+            for k, drive in enumerate(robot.drives):
                 thermometer = conditions.causes.drive_thermometers.get(drive.joint, "") if own else other
                 rise = rises.get(thermometer if thermometer in followed else other)
                 if drive.unit == "m" and rise is not None:
