@@ -127,7 +127,8 @@ def _usual_moment(robot: RobotDefinition) -> float:
 
 def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
     story = "joints stand elsewhere on their links, or their axes point elsewhere, than drawn"
-    yield CauseEntry("joint_placement", "placement", story)
+    if (robot.file.places, robot.file.axes) != ((), ()):
+        yield CauseEntry("joint_placement", "placement", story)
     yield CauseEntry("link_thermal_expansion", "links_growth", "warm links are longer than drawn")
     for travel in robot.travels[:1]:
         story = "the beam that carries the base sinks under it and leans with the slope of its deflection"
@@ -140,7 +141,7 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
 
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
     joints = tuple(filter(None, engine_for(mechanism).structure.site_joints))  # whose placements make the pose
-    said = [name.partition(".t") for name in robot.file.places or joints]
+    said = [name.partition(".t") for name in (joints if robot.file.places is None else robot.file.places)]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}
     axes = joints if robot.file.axes is None else robot.file.axes

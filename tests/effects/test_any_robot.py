@@ -23,6 +23,7 @@ from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import MissingConditionsError
 from pouring_robot.inference.processes import columns_of
+from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
@@ -270,6 +271,17 @@ def test_drives_made_for_less_are_softer_in_proportion(tmp_path):
     np.testing.assert_allclose(sizes * efforts, sizes[0] * efforts[0], rtol=1e-12)
     assert sizes.prod() == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_array_equal(yields(tmp_path / "unsaid", [330.0, 330.0, 0.0, 54.0, 54.0, 27.0]), np.ones(6))
+
+
+def test_no_joint_stands_wrong_where_the_robot_file_says_none(tmp_path):
+    said = read_yaml(ROOT / "examples" / "machines" / "ur10" / "robot.yaml")
+    said |= {"urdf": str(ROOT / "examples" / "machines" / "ur10" / "ur10.urdf"), "places": []}
+    (tmp_path / "robot.yaml").write_text(yaml_text(said))
+    robot = RobotModel.for_robot(tmp_path / "robot.yaml").definition
+    names = [p.name for p in all_effects(robot)["joint_placement"].forms(complete_conditions(robot))[0].parameters]
+    assert names and all(".tilt_" in name for name in names)
+    (tmp_path / "robot.yaml").write_text(yaml_text(said | {"axes": []}))
+    assert "joint_placement" not in all_effects(RobotModel.for_robot(tmp_path / "robot.yaml").definition)
 
 
 def test_what_stands_off_by_a_constant_is_an_effect_that_says_the_same(rows):
