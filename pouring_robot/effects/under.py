@@ -201,12 +201,12 @@ class RobotUnderConditions:
         model = self.robot.model.displaced(moved, {joint: shift for joint, shift in drives if shift})
         if base.any():
             built, carried = model.displacements(), dict[str, pin.SE3]()
-            shift, own = pin.SE3(pin.exp3(base[3:]), base[:3]), self.definition.loops.base_frame
+            shift, drawn = pin.SE3(pin.exp3(base[3:]), base[:3]), self.robot.nominal_solver.mechanism.shared_model
+            above = carrier(drawn, self.definition.loops.base_frame)
             for joint, (link, at) in standing(self.definition).items():
-                if link == own:
+                if carrier(drawn, link).name == above.name:
                     there = at * built[joint] if joint in built else at
                     carried[joint] = there.actInv(shift * there)
-            above = carrier(self.robot.nominal_solver.mechanism.shared_model, own)
             if above.type == pin.FrameType.FIXED_JOINT and above.name != "universe":  # the chain may begin there, too
                 carried[above.name] = shift.inverse()
             model = model.displaced(carried, {})

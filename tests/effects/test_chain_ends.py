@@ -102,9 +102,9 @@ def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
     np.testing.assert_allclose(moved, 1e-6 * np.arange(3.0)[:, None] * (rotation @ place), rtol=1e-12)
 
 
-@pytest.mark.parametrize(("base", "end"), [("foot", "tip"), ("marker", "tip"), ("tip", "marker")])
+@pytest.mark.parametrize(("base", "end"), [("foot", "tip"), ("marker", "tip"), ("tip", "marker"), ("pole", "mount")])
 def test_a_robot_that_grows_evenly_is_the_same_robot_larger(tmp_path, base, end):
-    """Wherever it is seen from: also from beside its foot, or from the tool; and whichever joints may stand wrong."""
+    """Wherever it is seen from: beside its foot, the tool, or a joint's name; and whichever joints may stand wrong."""
     (tmp_path / "arm.urdf").write_text(BRACKETED.replace("</robot>", FOOT), encoding="utf-8")
     said = ROBOT_FILE.replace("base_frame: base\nend_frame: tip", f"base_frame: {base}\nend_frame: {end}")
     (tmp_path / "robot.yaml").write_text(said + "places: [lift]\n", encoding="utf-8")

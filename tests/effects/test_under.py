@@ -76,6 +76,7 @@ def rows_of(campaign, model):
     return CampaignRows(campaign, model, NOISE)
 
 
+BASE_JOINT = "base_link-base_fixed_joint"  # which may stand for the link that it carries
 SOME = slice(None, None, 3)
 """Rows that are closed one at a time, which takes long, to be compared."""
 CROOKED = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
@@ -119,7 +120,7 @@ def test_a_base_that_moves_takes_any_robot_along(machine):
     np.testing.assert_allclose(found, there, atol=1e-9)
 
 
-@pytest.mark.parametrize(("base", "end"), [("base", "tool0"), ("tool0", "base")])
+@pytest.mark.parametrize(("base", "end"), [("base", "tool0"), ("tool0", "base"), (BASE_JOINT, "tool0")])
 def test_a_base_frame_that_carries_nothing_moves_too(tmp_path, base, end):
     """As that in which a UR's controller says poses; or the tool, seen from which the arm's foot moves."""
     shipped = ROOT / "examples" / "machines" / "ur10" / "robot.yaml"

@@ -12,6 +12,7 @@ from pouring_robot.batch import engine_for
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.pinocchio_model import frame_index
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _PPM = 1e-6
@@ -96,9 +97,10 @@ def _lever(placed: pin.SE3) -> FloatArray:
     return np.asarray(placed.rotation.T @ placed.translation)
 
 
-def carrier(model: pin.Model, link: str) -> pin.Frame:
-    """Return the joint, fixed or moving, that carries a link."""
-    return model.frames[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentFrame]
+def carrier(model: pin.Model, name: str) -> pin.Frame:
+    """Return the joint, fixed or moving, that carries a link, or that is meant itself."""
+    frame = model.frames[frame_index(model, name)]
+    return model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
 
 
 def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
