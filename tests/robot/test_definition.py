@@ -207,6 +207,8 @@ def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):
         ("column: turn", "column: reach", "two drives have the column 'reach'"),
         ("name: two_joints", "name: two joints", "line 2"),
         ("drives:", "groups: {g: [elbow]}\ndrives:", "group 'g' names 'elbow', which is no drive"),
+        ("drives:", "groups: {g: []}\ndrives:", "group 'g' names no drive"),
+        ("drives:", "groups: {g: [reach, reach]}\ndrives:", "group 'g' names a drive twice"),
         ("drives:", "travel: [rail]\ndrives:", "'rail' is not a joint of the robot"),
         ("drives:", "drvies: 1\ndrives:", "unknown key 'drvies'; did you mean 'drives'"),
         ("format: pouring_robot/robot/1", "format: pouring_robot/robot/9", "line 1"),

@@ -82,6 +82,8 @@ class RobotFile(StrictModel):
             raise ValueError("base_frame and end_frame are needed; only a loops file may name them instead")
         joints = {entry.joint for entry in self.drives}
         for group, members in self.groups.items():
+            if len(set(members)) < max(len(members), 1):
+                raise ValueError(f"group '{group}' names {'a drive twice' if members else 'no drive'}")
             for member in members:
                 if member not in joints:
                     raise ValueError(f"group '{group}' names '{member}', which is no drive{closest(member, joints)}")
