@@ -382,6 +382,16 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
         assert len(model.findall(loops)) == (4 if form == "drake" else 22 + 2 + 1 + 4)
 
 
+def test_a_robot_called_as_a_path_stays_in_its_folder(tied, tmp_path):
+    path = tied.definition.source
+    path.write_text(path.read_text("utf-8").replace('robot name="tied"', 'robot name="../tied"'), encoding="utf-8")
+    closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
+    for form in FORMATS:
+        assert written(closed, tmp_path / form, form).parent == tmp_path / form
+    again = RobotModel.for_robot(tmp_path / "urdf" / "robot.yaml")
+    assert again.definition.source == tmp_path / "urdf" / ".._tied.urdf"
+
+
 @pytest.mark.parametrize(("seen", "touched", "scale"), [
     ("visual/part.stl", "collision/part.stl", "1 1 1"),
     ("visual/part.stl", "collision/part.obj", "1 1 1"),

@@ -43,6 +43,7 @@ from pouring_robot.robot.description.urdf import (
     parsed,
     reach,
     read_urdf,
+    robot_name,
 )
 
 if TYPE_CHECKING:
@@ -285,7 +286,7 @@ class RobotDefinition:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
-        content = {**said, "urdf": f"{parsed(self.urdf()).get('name', 'robot')}.urdf", **own}
+        content = {**said, "urdf": f"{robot_name(parsed(self.urdf()))}.urdf", **own}
         return {"robot.yaml": yaml_text(content).encode()}
 
     @property

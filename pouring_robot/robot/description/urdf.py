@@ -102,6 +102,11 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
     return found
 
 
+def robot_name(root: etree._Element) -> str:
+    """Return what a robot, and a file of it, is called: the name that its URDF says, which is no path."""
+    return str(root.get("name", "robot")).replace("/", "_")
+
+
 def joint_axis(joint: etree._Element) -> FloatArray:
     """Return the axis of a joint as it is written, of any length, (3,)."""
     axis = joint.find("axis")
@@ -232,7 +237,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
     files |= {folder / name: content for name, content in (beside or {}).items()}
     # No XML declaration: some readers pass the text on as a string, which must not declare an encoding.
-    files[folder / f"{root.get('name', 'robot')}.urdf"] = xml_text(root).encode()
+    files[folder / f"{robot_name(root)}.urdf"] = xml_text(root).encode()
     return files
 
 

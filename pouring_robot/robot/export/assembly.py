@@ -14,7 +14,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.robot.description.urdf import joint_axis, joint_limits, origin_pose
+from pouring_robot.robot.description.urdf import joint_axis, joint_limits, origin_pose, robot_name
 from pouring_robot.robot.export.closed import ClosedRobot
 
 
@@ -120,7 +120,7 @@ class Assembly:
             if frame not in bodies:
                 raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
         mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
-        return cls(str(root.get("name")), bodies, joints, mechanism.loops, base, mimics)
+        return cls(robot_name(root), bodies, joints, mechanism.loops, base, mimics)
 
     def solid(self, name: str) -> str:
         """Return the body that a frame without mass sits on; a body with mass is its own."""
