@@ -55,6 +55,12 @@ def of_tree(urdf, values, base, tip):
     return base.actInv(tip)
 
 
+def sdf_pose(element):
+    """Return the pose that an element of SDF says, as versions up to 1.8 say it."""
+    x, y, z, *rpy = (float(value) for value in element.find("pose").text.split())
+    return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy)), np.array([x, y, z]))
+
+
 @pytest.fixture(scope="module")
 def crooked():
     """A robot with tilted axes and a drive that stands beyond its command."""
@@ -141,15 +147,14 @@ def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, comma
     there = data.body("tip_mount_link")
     assert pose_gap(pin.SE3(there.xmat.reshape(3, 3), there.xpos), expected) == same
     for form in ("sdf", "drake"):
-        link = etree.parse(written(closed, tmp_path / form, form)).find("model/link[@name='tip_mount_link']/pose")
-        found = pin.XYZQUATToSE3(np.array([float(v) for v in link.text.split()]))
-        assert pose_gap(found, expected) == same
+        link = etree.parse(written(closed, tmp_path / form, form)).find("model/link[@name='tip_mount_link']")
+        assert pose_gap(sdf_pose(link), expected) == same
 
 
 @pytest.mark.parametrize("form", ["sdf", "drake"])
 def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, form):
     assert main(["export", "--robot", str(tied.definition.path), "--out", str(tmp_path / "out"), "--format", form]) == 0
-    said = "SDF 1.9 knows no mimic, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
+    said = "SDF 1.7 knows no mimic, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (tmp_path / "out" / "tied.sdf").read_text()
     assert mimic_notes({}) == []
@@ -376,10 +381,37 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
         model = etree.parse(written(closed, tmp_path / form, form)).find("model")
         mass = sum(float(value.text) for value in model.iterfind("link/inertial/mass"))
         assert mass == pytest.approx(sum(i.mass for i in closed.mechanism.shared_model.inertias), rel=1e-8)
-        numbers = [float(v) for v in model.find("link[@name='moving_platform']/pose").text.split()]
-        found = pin.XYZQUATToSE3(np.array(numbers))
+        found = sdf_pose(model.find("link[@name='moving_platform']"))
         assert pose_gap(found, closed.result.pose("universe", "moving_platform")) == pytest.approx([0, 0], abs=1e-12)
         assert len(model.findall(loops)) == (4 if form == "drake" else 22 + 2 + 1 + 4)
+
+
+def test_loops_of_sdf_join_links_where_their_frames_meet(tmp_path):
+    """Readers of SDF 1.7 join links only; a ball joint turns about the place of the joint, not of the link."""
+    closed = ClosedRobot.of(RobotModel.for_robot(ROBOTS / "delta" / "robot.yaml"))
+    model = etree.parse(written(closed, tmp_path / "out", "sdf")).find("model")
+    links = {link.get("name"): link for link in model.iterfind("link")}
+    for loop in closed.mechanism.loops.loops:
+        joint = model.find(f"joint[@name='{loop.name}_loop']")
+        parent, child = (links[joint.find(end).text] for end in ("parent", "child"))
+        assert parent is links[loop.frame_a]
+        expected = closed.result.pose("universe", loop.frame_b)
+        assert pose_gap(sdf_pose(child) * sdf_pose(joint), expected) == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["slide", "world"])
+def test_a_link_is_called_otherwise_where_its_name_is_taken(tied, tmp_path, name):
+    """Of a joint in SDF, where all in a model have names of their own; of what stands still in SDF and MuJoCo."""
+    path = tied.definition.source
+    path.write_text(path.read_text("utf-8").replace("slide_link", name), encoding="utf-8")
+    closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
+    for form in ("sdf", "drake"):
+        model = etree.parse(written(closed, tmp_path / form, form)).find("model")
+        names = [part.get("name") for part in model.iterfind("*")]
+        assert sorted(names) == sorted({*names} - {"world"})
+        assert {end.text for end in model.iterfind("joint/child")} < {*names}
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "mjcf", "mjcf")))
+    assert model.body_mass.sum() == pytest.approx(len(TIED))
 
 
 def test_a_robot_called_as_a_path_stays_in_its_folder(tied, tmp_path):

@@ -122,6 +122,10 @@ class Assembly:
         mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
         return cls(robot_name(root), bodies, joints, mechanism.loops, base, mimics)
 
+    def called(self, name: str, *taken: str) -> str:
+        """Return a link's name where some are ``taken``, and ``world`` always: the robot's stands before it then."""
+        return f"{self.name}_{name}" if name in ("world", *taken) else name
+
     def solid(self, name: str) -> str:
         """Return the body that a frame without mass sits on; a body with mass is its own."""
         while self.bodies[name].inertia is None and name in self.joints and self.joints[name].kind == "fixed":

@@ -17,7 +17,7 @@ from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot, configured
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
-from pouring_robot.robot.export.sdf import sdf
+from pouring_robot.robot.export.sdf import VERSION, sdf
 
 Format = Literal["urdf", "mjcf", "sdf", "drake"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -97,7 +97,7 @@ def _model_config(name: str) -> str:
     root = etree.Element("model")
     for tag, value in (("name", name), ("version", "1.0"), ("sdf", f"{name}.sdf")):
         etree.SubElement(root, tag).text = value
-    root.find("sdf").set("version", "1.9")
+    root.find("sdf").set("version", VERSION)
     return xml_text(root, indented=True)
 
 

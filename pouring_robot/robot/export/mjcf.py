@@ -57,10 +57,10 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     etree.SubElement(world, "light", pos="0 0 6", directional="true")
     _fill(world, assembly.bodies[assembly.base], assembly)
     for name in assembly.free:
-        _fill(_placed(world, assembly.bodies[name], pin.SE3.Identity(), free=True), assembly.bodies[name], assembly)
+        _fill(_placed(world, assembly, name, pin.SE3.Identity(), free=True), assembly.bodies[name], assembly)
     contact = etree.SubElement(root, "contact")
     for one, other in touching:
-        names = ("world" if body == assembly.base else body for body in (one, other))
+        names = ("world" if body == assembly.base else assembly.called(body) for body in (one, other))
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
     _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
@@ -112,10 +112,11 @@ def _pose(pose: pin.SE3) -> dict[str, str]:
     return {"pos": text(pose.translation), "quat": text((w, x, y, z))}
 
 
-def _placed(parent: Any, body: Body, above: pin.SE3, *, free: bool = False) -> Any:
-    element = etree.SubElement(parent, "body", name=body.name, **_pose(above.actInv(body.pose)))
+def _placed(parent: Any, assembly: Assembly, name: str, above: pin.SE3, *, free: bool = False) -> Any:
+    place = _pose(above.actInv(assembly.bodies[name].pose))
+    element = etree.SubElement(parent, "body", name=assembly.called(name), **place)
     if free:
-        etree.SubElement(element, "freejoint", name=f"{body.name}_free")
+        etree.SubElement(element, "freejoint", name=f"{name}_free")
     return element
 
 
@@ -158,8 +159,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
             place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
             etree.SubElement(element, "site", name=frame, group="4", **place)
     for name in assembly.carried_by(body.name):
-        child = assembly.bodies[name]
-        _fill(_placed(element, child, body.pose), child, assembly)
+        _fill(_placed(element, assembly, name, body.pose), assembly.bodies[name], assembly)
 
 
 def _joint(element: Any, joint: Joint, assembly: Assembly) -> None:

@@ -18,6 +18,8 @@ _DRAKE = "http://drake.mit.edu"
 # sdformat refuses a link without mass, and gives one without an inertial 1 kg.
 _NO_MASS = 1e-6
 _KINDS = {"spherical": "ball"}
+# The newest that Gazebo classic reads: joints of links alone, attitudes as roll, pitch and yaw, no mimic.
+VERSION = "1.7"
 
 
 def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> str:
@@ -26,17 +28,19 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
     Loops are joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or linear bushings of the
     robot's own stiffness for Drake, whose joints make a tree.
     """
-    root = etree.Element("sdf", nsmap={"drake": _DRAKE} if loops == "bushings" else None, version="1.9")
+    root = etree.Element("sdf", nsmap={"drake": _DRAKE} if loops == "bushings" else None, version=VERSION)
     model = etree.SubElement(root, "model", name=assembly.name)
     frames = {name for name, body in assembly.bodies.items() if _is_frame(body, assembly)}
     for body in assembly.bodies.values():
         if body.name in frames:
             on = assembly.joints[body.name].parent
-            frame = etree.SubElement(model, "frame", name=body.name, attached_to=_called(on, assembly))
+            frame = etree.SubElement(
+                model, "frame", name=_called(body.name, assembly), attached_to=_called(on, assembly)
+            )
             _pose(frame, assembly.bodies[on].pose.actInv(body.pose))
         else:
             _link(model, body, assembly)
-    fixed = _joint(model, "fixed_to_world", "fixed", "world", _called(assembly.base, assembly))
+    fixed = _joint(model, _called("fixed_to_world", assembly), "fixed", "world", _called(assembly.base, assembly))
     values = {joint.name: joint.value for joint in assembly.joints.values()}
     commands = ", ".join(f"{name} = {values[name]!r}" for name in assembly.loops.drives)
     fixed.addprevious(etree.Comment(f" zero is where {commands} "))
@@ -50,16 +54,19 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
             _bushing(model, loop, assembly)
         else:
             kind = "fixed" if loop.type == "6d" else "ball"
-            _joint(model, f"{loop.name}_loop", kind, _called(loop.frame_a, assembly), _carrier(loop.frame_b, assembly))
+            on, at = _carrier(loop.frame_b, assembly), assembly.bodies[loop.frame_b].pose
+            ends = _called(_carrier(loop.frame_a, assembly), assembly), _called(on, assembly)
+            joint = _joint(model, _called(f"{loop.name}_loop", assembly), kind, *ends)
+            _pose(joint, assembly.bodies[on].pose.actInv(at))
     return xml_text(root, indented=True)
 
 
 def mimic_notes(mimics: Mapping[tuple[str, str], float]) -> list[str]:
-    """Return what SDF 1.9 cannot say of joints that follow others, by follower and leader: none where there is none."""
+    """Return what SDF cannot say of joints that follow others, by follower and leader: none where there is none."""
     if not mimics:
         return []
     said = ", ".join(f"{follower} = {ratio:g} {leader}" for (follower, leader), ratio in mimics.items())
-    return [f"SDF 1.9 knows no mimic, so these joints move freely until the simulator couples them: {said}"]
+    return [f"SDF {VERSION} knows no mimic, so these joints move freely until the simulator couples them: {said}"]
 
 
 def _is_frame(body: Body, assembly: Assembly) -> bool:
@@ -69,12 +76,12 @@ def _is_frame(body: Body, assembly: Assembly) -> bool:
 
 
 def _called(name: str, assembly: Assembly) -> str:
-    """Return a link's name; ``world`` is taken in SDF."""
-    return f"{assembly.name}_world" if name == "world" else name
+    """Return what a link, or a joint of ours, is called: not as a joint of the robot, which SDF refuses."""
+    return assembly.called(name, *(joint.name for joint in assembly.joints.values()))
 
 
 def _carrier(name: str, assembly: Assembly) -> str:
-    return assembly.joints[name].parent if _is_frame(assembly.bodies[name], assembly) else _called(name, assembly)
+    return assembly.joints[name].parent if _is_frame(assembly.bodies[name], assembly) else name
 
 
 def _add(parent: Any, tag: str, value: str) -> Any:
@@ -84,9 +91,7 @@ def _add(parent: Any, tag: str, value: str) -> Any:
 
 
 def _pose(parent: Any, pose: pin.SE3) -> None:
-    x, y, z, w = pin.Quaternion(pose.rotation).coeffs()
-    written = _add(parent, "pose", f"{text(pose.translation)} {text((x, y, z, w))}")
-    written.set("rotation_format", "quat_xyzw")
+    _add(parent, "pose", text((*pose.translation, *pin.rpy.matrixToRpy(pose.rotation))))
 
 
 def _link(model: Any, body: Body, assembly: Assembly) -> None:
