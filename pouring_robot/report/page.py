@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
+import itertools
 import math
 import os
 import time
@@ -39,7 +40,10 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts; ``folded`` is what stands in its place until it is opened."""
+    """A table of texts; cells at the end of a row may be left out.
+
+    ``folded`` is what stands in its place until it is opened.
+    """
 
     head: Row
     rows: Sequence[Row]
@@ -48,7 +52,7 @@ class Table:
     @functools.cached_property
     def left(self) -> set[int]:
         """Columns that are set to the left with their headings: those in which something is no figure."""
-        columns = zip(*self.rows, strict=True)
+        columns = itertools.zip_longest(*self.rows, fillvalue="")
         return {k for k, cells in enumerate(columns) if not all(_is_figure(cell) for cell in cells)}
 
 

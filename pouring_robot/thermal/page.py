@@ -1,5 +1,6 @@
 """Temperatures and what they move in tables, lines and pictures, for the terminal and for a page."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,14 @@ _LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
 _AXES = (STEEL, MOSS, BRICK)
 
 
-def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str) -> str:
-    """Return what is found, drawn at more times, as one page without outside files; ``title``: how it was computed."""
+def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str, told: Sequence[Block]) -> str:
+    """Return what is found and ``told``, drawn at more times, as one page without outside files.
+
+    ``title``: how it was computed.
+    """
     figure = pose_picture(drawn, "") if isinstance(drawn, PoseHeat) else shift_picture(drawn, "")
     plot = Plot("Temperatures, and what they move", svg_of(figure))
-    told = [Paragraph(found.headline, "headline"), Paragraph(title), plot, *blocks(found)]
-    return html_page("Heat", "Heat", told)
+    return html_page("Heat", "Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
 
 
 def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
@@ -155,5 +158,5 @@ def shift_picture(shift: ShiftHeat, title: str) -> Any:
             panel.axvline(time, color=ASH, linewidth=0.8, linestyle="--")
         panel.margins(y=0.15)
         tidy(panel)
-    figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)
+    figure.suptitle("; ".join(filter(None, (title, "dashed: the pose changes" if changes else ""))), fontsize=11)
     return figure

@@ -8,6 +8,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.under_weight import stiffness_at, truss_sag_m, under_weight
@@ -157,6 +158,21 @@ def test_the_command(capsys, tmp_path):
     assert "girders up to 20 degC" in capsys.readouterr().out
     refused = main([*at, "--html", str(page), "--overwrite"])
     assert refused == 2 and "give --history, or --under heat" in capsys.readouterr().err
+
+
+def test_the_report_holds_what_is_printed(capsys, tmp_path):
+    model, report = tmp_path / "model.yaml", tmp_path / "report.html"
+    RobotModel(heat=HeatSection(measured_degC={"leg1": 210.0})).save(model)
+    options = ["--model", str(model), "--under", "both", "--report", str(report)]
+    assert main(["thermal", "--at-mm", "-100", "20", "-600", *options]) == 0
+    printed, page = (" ".join(text.split()) for text in (capsys.readouterr().out, report.read_text("utf-8")))
+    for said in (
+        "moved under heat and weight: mm",
+        "mean of the parts, largest",
+        "truss: girders up to",
+        "leg1 210 degC",
+    ):
+        assert said in printed and said in page
 
 
 @pytest.mark.parametrize(

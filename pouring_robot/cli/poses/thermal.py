@@ -67,6 +67,11 @@ class Moved:
             if fault:
                 raise BadInputError(f"--{option}: {fault[1]}")
 
+    @property
+    def words(self) -> str:
+        """What it is under, in words."""
+        return "heat and weight" if self.under == "both" else str(self.under)
+
     def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
         """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
         from pouring_robot.robot.pouring.stiffness import load_stiffness
@@ -115,8 +120,9 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    from pouring_robot.cli.shared.tables import print_blocks, print_table
+    from pouring_robot.cli.shared.tables import print_blocks
     from pouring_robot.io.files import write_whole
+    from pouring_robot.report.page import Paragraph, Table
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal import page
@@ -154,6 +160,18 @@ def thermal(
         temperature, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
         title = f"melt {temperature:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
+    told = page.blocks(found)
+    field = None
+    if moved.under is not None and pose is not None:
+        with progress.stage_bars() as show:
+            show("moving every part", 0, 0)
+            field = moved.parts(heated, pose)
+        told += [Paragraph(f"moved under {moved.words}: mm"), Table(MOVED_HEAD, field.rows())]
+        told.append(Paragraph(field.truss_line))
+    if heat.measured_degC:
+        values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
+        words = f"measured temperatures of the model file take the place of computed ones in growth: {values}"
+        told.append(Paragraph(words))
     written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.report.plots import png_of
@@ -162,18 +180,13 @@ def thermal(
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, png_of(picture)))
     if report:
-        written.append(write_whole(report, page.html_report(found, drawn, title)))
-    field = None
-    if moved.under is not None and pose is not None:
-        with progress.stage_bars() as show:
-            show("moving every part", 0, 0)
-            field = moved.parts(heated, pose)
+        written.append(write_whole(report, page.html_report(found, drawn, title, told)))
     if html is not None:
         from pouring_robot.thermal.scene import displacement_scene, shift_scene
         from pouring_robot.viewer import write_html
 
         if field is not None and pose is not None:
-            at, words = heated.robot.kinematics.configuration(pose), f"How far every part moves under {moved.under}"
+            at, words = heated.robot.kinematics.configuration(pose), f"How far every part moves under {moved.words}"
             written.append(write_html(displacement_scene(heated.robot, field.hall, words, at), html))
         elif history is not None and isinstance(drawn, ShiftHeat):
             words = f"How the melt of {history.name} warms the robot"
@@ -187,13 +200,7 @@ def thermal(
         return options.print_figures(content | measured | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
-    print_blocks(page.blocks(found))
-    if field is not None:
-        print_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm")
-        options.say(field.truss_line)
-    if heat.measured_degC:
-        told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-        options.say(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
+    print_blocks(told)
     options.print_written(written)
 
 
