@@ -4,6 +4,7 @@ It ends with an :class:`~pouring_robot.exceptions.ExitCode`. An error is one lin
 reaches a user.
 """
 
+import contextlib
 import importlib
 import os
 import platform
@@ -85,7 +86,12 @@ def _before_any_command(
 
 
 def _complain(message: str) -> None:
-    print("pouring-robot: " + " ".join(message.split()), file=sys.stderr)
+    _to_stderr("pouring-robot: " + " ".join(message.split()))
+
+
+def _to_stderr(text: str) -> None:
+    with contextlib.suppress(OSError):  # on a full disk, or read by nobody: the exit code says it still
+        print(text, file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -157,6 +163,6 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
             file.write(details)
         kept = f"please report it with the file {name}, which tells the command and where it stopped"
     except OSError:  # no place to write to: then they are said after all
-        print(details, file=sys.stderr)
+        _to_stderr(details)
         kept = "please report it with the lines above"
     return f"{what}{where}; {kept}"

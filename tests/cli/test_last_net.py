@@ -55,6 +55,14 @@ def test_no_place_for_the_details(run, broken, monkeypatch):
     assert (code, "ZeroDivisionError: q" in err.splitlines()[-1]) == (70, True)
 
 
+def test_what_cannot_be_said_is_no_fault_of_the_program(tmp_path):
+    line = "import sys, tempfile; tempfile.tempdir = sys.argv[1]; from pouring_robot.cli.app import main; "
+    line += "sys.exit(main(['pose', '--at-mm', '1', '2']))"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-c", line, tmp_path], cwd=ROOT, stderr=full, check=False)
+    assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
+
+
 def test_a_module_that_the_installation_has_lost(tmp_path):
     lost = "import sys; sys.modules['typing_extensions'] = sys.modules['pouring_robot.cli.poses.pose'] = None; "
     line = lost + "from pouring_robot.cli.app import main; sys.exit(main(['pose']))"
