@@ -37,17 +37,19 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 def kept_text(name: str, make: Callable[[], str]) -> str:
     """Return a text that is kept on disk, or make and keep it; what ``make`` raises is passed on, and nothing is kept.
 
-    ``name`` is a file below the cache folder; it must hold a :func:`content_key` of all that the text depends on.
+    ``name`` is a file below the cache folder, which holds the text's hash above the text; it must have a
+    :func:`content_key` of all that the text depends on in it.
     """
     folder = cache_folder()
     if folder is None:
         return make()
     path = folder / name
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        text = make()
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        key, _, text = path.read_bytes().decode().partition("\n")
+        if key == content_key([text]):  # whole, and as it was written
+            return text
+    text = make()
     with contextlib.suppress(OSError, OutputError):  # read-only or full: the next run makes it again
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text)
+        write_whole(path, f"{content_key([text])}\n{text}")
     return text

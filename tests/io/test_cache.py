@@ -39,9 +39,10 @@ def test_a_place_that_cannot_be_written_to_is_no_trouble(folder, content):
     assert kept_text("c.txt", lambda: "two") == "two"
 
 
-def test_a_damaged_file_is_made_again(folder):
-    folder.mkdir()
-    (folder / "d.txt").write_bytes(b"\xff\xfe\xff")
+@pytest.mark.parametrize("damage", [lambda _: b"\xff\xfe", lambda _: b"", lambda kept: kept[:-1] + b"n"])
+def test_a_damaged_file_is_made_again(folder, damage):
+    kept_text("d.txt", lambda: "sound")
+    (folder / "d.txt").write_bytes(damage((folder / "d.txt").read_bytes()))
     assert kept_text("d.txt", lambda: "sound") == kept_text("d.txt", lambda: "other") == "sound"
 
 

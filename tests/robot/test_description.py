@@ -23,7 +23,7 @@ from lxml import etree
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
-from pouring_robot.io.cache import CACHE_VARIABLE
+from pouring_robot.io.cache import CACHE_VARIABLE, content_key
 from pouring_robot.robot.description import urdf
 from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, perturb_urdf, write_urdf
 from pouring_robot.robot.pouring import layout as layouts
@@ -413,9 +413,9 @@ def test_a_rendering_is_made_once_a_machine(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "not" / "yet" / "there"))
     layouts._rendered.cache_clear()
     urdf = render_urdf()
-    (kept,) = (tmp_path / "not").rglob("*.urdf")
-    assert kept.read_text(encoding="utf-8") == urdf
-    kept.write_text("<robot/>", encoding="utf-8")  # as nobody else would: shows that it is read
+    (kept,) = (tmp_path / "not").rglob("urdf/*.kept")
+    assert kept.read_text(encoding="utf-8") == f"{content_key([urdf])}\n{urdf}"
+    kept.write_text(f"{content_key(['<robot/>'])}\n<robot/>", encoding="utf-8")  # shows that it is read
     layouts._rendered.cache_clear()
     assert render_urdf() == "<robot/>"
     assert render_urdf("wide") != render_urdf(chain_order=(2, 1, 3, 4)) != "<robot/>"

@@ -114,7 +114,7 @@ def _parse(path: Path, text: str) -> LayoutsFile:
 
     # Reading YAML takes thirty times as long as reading JSON.
     key = content_key([text, read_text(Path(layout_schema.__file__))])
-    return LayoutsFile.model_validate_json(kept_text(f"layouts/{key}.json", read))
+    return LayoutsFile.model_validate_json(kept_text(f"layouts/{key}.kept", read))
 
 
 def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -> None:
@@ -210,4 +210,4 @@ def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[st
             raise DescriptionError(path, "changed while it was read; run the command again")
         return urdf
 
-    return kept_text(f"urdf/{key}.urdf", render)
+    return kept_text(f"urdf/{key}.kept", render)
