@@ -10,6 +10,7 @@ from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench
 from tests.robot.benches import POSE, ask, check
 from tests.robot.test_robot import ROBOTS
+from tests.support import ROOT
 
 
 @pytest.fixture(name="bench", scope="module")
@@ -71,6 +72,13 @@ def test_what_cannot_be_is_refused_in_a_line(bench, change, words):
     assert set(answer) == {"refused"}
     assert words in answer["refused"] and "\n" not in answer["refused"]
     assert "refused" in bench.answer({"commanded": "pose"})
+
+
+def test_a_slider_of_a_motor_is_not_called_as_the_joint_it_moves():
+    for path, label in (("machines/hangprinter", "motor of line_a"), ("robots/arm", "joint1")):
+        robot = Robot.load(ROOT / "examples" / path / "robot.yaml")
+        (group,) = RobotBench(robot, robot.location_in_the_middle()).sliders()["groups"]
+        assert group["sliders"][0]["label"] == label
 
 
 @pytest.mark.parametrize("name", ["arm", "delta", "five_bar", "hexapod"])

@@ -61,7 +61,8 @@ class RobotBench:
         values, names = self._values(self.location), dict[str, list[str]]()
         for parameter in self._parameters.values():
             names.setdefault(_set_of(parameter), []).append(parameter.name)
-        joints = dict(zip((a.heading for a in self._axes[DRIVES]), self.location.drives, strict=True))
+        drives = zip(self._axes[DRIVES], self.location.drives, strict=True)
+        joints = {a.heading: name if (a.factor, a.zero) == (1.0, 0.0) else f"motor of {name}" for a, name in drives}
         return {
             "groups": [
                 {
