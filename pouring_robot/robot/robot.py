@@ -34,6 +34,7 @@ from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.urdf import parsed
 from pouring_robot.robot.inverse import Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
@@ -198,7 +199,9 @@ class Robot:
     @property
     def picture_notes(self) -> tuple[str, ...]:
         """What one should know of its pictures, in a line each."""
-        return ()
+        if parsed(self.drawing.mechanism.urdf).find("link/visual") is not None:
+            return ()
+        return ("the description draws no link, so pictures show errors alone; give its links a 'visual'",)
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
         """Read commands by line from a table, in which headings ``beside`` may stand, or raise TableError."""

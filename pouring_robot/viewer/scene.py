@@ -196,7 +196,7 @@ def exaggeration_text(scene: Scene) -> str:
     """Return the sentence that tells a reader how far the picture is from true scale."""
     if scene.exaggeration == 1.0:
         return "drawn to scale"
-    return f"errors drawn {scene.exaggeration:g} × larger than they are"
+    return f"errors drawn {scene.exaggeration:g} × their size"
 
 
 @dataclass(frozen=True)

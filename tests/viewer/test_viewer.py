@@ -424,16 +424,17 @@ def test_a_browser_draws_the_page(page, tmp_path):
     pixels, dom = _browsed(page, tmp_path)
     red = (pixels[..., 0] > 150) & (pixels[..., 1] < 70) & (pixels[..., 2] < 70)
     assert red[:, 400:].any()  # the arrow, not its sign in the legend
-    assert "errors drawn 20 × larger" in dom
+    assert "errors drawn 20 × their size" in dom
     assert "7.07 mm" in dom
 
 
 @needs_browser
 def test_a_page_says_the_factor_that_the_picture_says(tmp_path):
-    scene = small_scene(tmp_path, exaggeration=125.0)
-    _, dom = _browsed(write_html(scene, tmp_path / "scene.html").read_text(), tmp_path)
-    said = re.search(r'id="scale">(.*?)</output>', dom).group(1)
-    assert (said, exaggeration_text(scene)) == ("errors drawn 125 × larger", "errors drawn 125 × larger than they are")
+    for factor in (125.0, 0.5):  # of what is drawn smaller, too
+        scene = small_scene(tmp_path, exaggeration=factor)
+        _, dom = _browsed(write_html(scene, tmp_path / "scene.html").read_text(), tmp_path)
+        said = re.search(r'id="scale">(.*?)</output>', dom).group(1)
+        assert said == exaggeration_text(scene) == f"errors drawn {factor:g} × their size"
 
 
 @needs_browser

@@ -230,7 +230,7 @@ function tell() {  // words are painted by the page, which takes longer than the
   if ($("cursor")) { $("cursor").style.left = `${100 * (place() - film.at[0]) / span}%`; }  // right at every size of the plot
   if (speed && performance.now() - told_at < 200) { return; }
   told_at = performance.now();
-  $("scale").textContent = Math.abs(factor - 1) < 0.005 ? "drawn to scale" : `errors drawn ${+factor.toPrecision(3)} × larger`;
+  $("scale").textContent = Math.abs(factor - 1) < 0.005 ? "drawn to scale" : `errors drawn ${+factor.toPrecision(3)} × their size`;
   if ($("time")) {
     $("time").value = at;
     $("step").textContent = step.label;
