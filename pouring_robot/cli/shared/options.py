@@ -174,7 +174,7 @@ ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, a
 PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
 AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")]
 JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
-Exaggeration = Annotated[float | None, opt("Draw errors this many times larger.", metavar="FACTOR")]
+Exaggeration = Annotated[float | None, opt("Draw errors at this many times their size.", metavar="FACTOR")]
 MeltDegC = Annotated[float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")]
 AmbientDegC = Annotated[
     float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")

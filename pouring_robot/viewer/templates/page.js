@@ -292,7 +292,7 @@ function sharpness(ratio, edged = true) {  // a coarser picture while it moves, 
 function play(now) {
   if (!speed) { sharpness(window.devicePixelRatio); show(); return; }
   slow = 0.8 * slow + 0.2 * (now - before);
-  if (slow > 1000 / 30) {
+  if (viewer && slow > 1000 / 30) {
     sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio()));
     if (software) { notice.textContent = `${Math.round(1000 / slow)} pictures a second: this browser draws without a graphics card`; }
   }
