@@ -50,8 +50,7 @@ class CampaignMetadata(StrictModel):
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
     ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
-    # at which the drawing holds
-    reference_temperature_degC: float | None = None  # noqa: N815 - the unit is spelt as in the campaign files
+    reference_temperature_degC: float | None = None  # at which the drawing holds
 
     @property
     def own_frames(self) -> bool:

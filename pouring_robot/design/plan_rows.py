@@ -51,7 +51,7 @@ class Conditions:
 
     side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
     payload_kg: float = 0.0  # melt in the ladle
-    leg_degC: float = REFERENCE_DEGC  # noqa: N815 - the unit is spelt as in the campaign files
+    leg_degC: float = REFERENCE_DEGC
 
 
 class Columns:

@@ -75,8 +75,7 @@ class PlanRequest:
     priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
     both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
     loads_kg: tuple[float, ...] = ()  # melt to choose from; with any, drives' compliances are determined too
-    # leg temperatures to choose from; with any, the legs' expansions are to be determined too
-    leg_degC: tuple[float, ...] = ()  # noqa: N815 - the unit is spelt as in the campaign files
+    leg_degC: tuple[float, ...] = ()  # leg temperatures to choose from; with any, the legs' expansions are found too
     reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
     candidates: int = 2000  # about how many poses to choose from
     starts: int = 4  # how many random first plans

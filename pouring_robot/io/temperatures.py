@@ -15,7 +15,7 @@ HOTTEST_SURROUNDINGS_DEGC = 150.0
 """Hotter than any hall; 293, room temperature in K, lies beyond it."""
 
 
-def reference_degC(stated: float | None) -> float:  # noqa: N802 - units are spelt as everywhere
+def reference_degC(stated: float | None) -> float:
     """Return at which temperature the drawing holds, in °C, where a file states one or none."""
     return REFERENCE_DEGC if stated is None else stated
 

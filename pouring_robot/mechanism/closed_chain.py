@@ -277,7 +277,7 @@ class ClosedChainMechanism:
         return frame_index(model, name)
 
     @property
-    def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
+    def T_end_tool(self) -> pin.SE3:
         """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform)."""
         return self.placement_on_end(str(self.loops.working_frame))
 

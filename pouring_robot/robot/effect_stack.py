@@ -34,7 +34,7 @@ class LearnedCampaign(StrictModel):
     # mean temperature above the reference, by thermometer
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
-    reference_temperature_degC: Annotated[float, pydantic.Field(ge=ABSOLUTE_ZERO_DEGC)]  # noqa: N815 - the unit is spelt as in the campaign files
+    reference_temperature_degC: Annotated[float, pydantic.Field(ge=ABSOLUTE_ZERO_DEGC)]
     screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: Size | None = None  # mass of the empty ladle

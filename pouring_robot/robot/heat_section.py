@@ -3,7 +3,6 @@
 Temperatures are in °C and times in minutes, as people write them. Properties are in the units of ``thermal.yaml``.
 """
 
-# ruff: noqa: N815 - units keep their capitals: K, W, degC
 import functools
 from typing import Annotated, Any, Self
 

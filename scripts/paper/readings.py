@@ -103,7 +103,7 @@ class Scored:
     tilt: str
     normals: str
     statistic: str
-    coldest_degC: float  # noqa: N815
+    coldest_degC: float
     geometry: Mapping[str, str]
     thermal: Mapping[str, str] | None
 

@@ -33,7 +33,7 @@ class ThermalLaw:
     """A thermal-model file at one temperature of the melt, and the same heat for the full closure, to be compared."""
 
     model: ThermalModel
-    melt_degC: float  # noqa: N815 - the unit keeps its capital
+    melt_degC: float
     heat: HeatSection
 
     def moves_m(self, pose: PlatformPose) -> FloatArray:

@@ -39,7 +39,7 @@ class Moved:
     payload_kg: Annotated[float | None, options.opt("Melt for --under (default: the layout's largest).", min=0.0)] = (
         None
     )
-    ladle_degC: Annotated[  # noqa: N815 - the unit keeps its capital
+    ladle_degC: Annotated[
         float | None,
         options.opt("Ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC),
     ] = None

@@ -212,8 +212,8 @@ def each(
 class Melt:
     """How warm it is."""
 
-    melt_degC: options.MeltDegC = None  # noqa: N815 - the unit keeps its capital
-    ambient_degC: options.AmbientDegC = None  # noqa: N815
+    melt_degC: options.MeltDegC = None
+    ambient_degC: options.AmbientDegC = None
     steady: options.Steady = False
     after_min: options.AfterMin = None
 

@@ -36,7 +36,7 @@ class Thermometers:
     # how far above the cold machine it is at least while it is hot, in K; 0 for what stays cold
     hot_rise_k: float = 0.0
     # how warm it is then, where nothing that was seen changes that
-    hot_degC: float | None = None  # noqa: N815 - units are spelt as in the campaign files
+    hot_degC: float | None = None
 
 
 @dataclass(frozen=True)

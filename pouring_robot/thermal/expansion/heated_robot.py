@@ -191,7 +191,7 @@ class HeatedRobot:
         return self._given_network or ThermalNetwork(self.robot, (self.heat or HeatSection()).thermal_properties())
 
     @property
-    def temperatures_degC(self) -> tuple[float, float]:  # noqa: N802 - the unit keeps its capital
+    def temperatures_degC(self) -> tuple[float, float]:
         """Melt and surroundings."""
         heat = self.heat or HeatSection()
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)

@@ -14,7 +14,6 @@ trolley stands on its four wheels where the girders then are. Its uprights grow 
 platform goes with their feet. Everything grows from the middle of the truss.
 """
 
-# ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

@@ -6,7 +6,6 @@ rods and bars, through U joints, and from the melt through lining and shell into
 to the surroundings by convection and re-radiation.
 """
 
-# ruff: noqa: N802 - units keep their capitals: K, W, degC
 import copy
 import functools
 from typing import Self

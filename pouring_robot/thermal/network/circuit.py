@@ -9,7 +9,6 @@ K is the Laplacian of the conductances between nodes, R that of radiation betwee
 Without it radiation leaves a node towards melt and surroundings, and the nonlinear part of the Jacobian is diagonal.
 """
 
-# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
 import functools
 import itertools
 from collections.abc import Iterable

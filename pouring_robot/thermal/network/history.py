@@ -4,7 +4,6 @@ Too few entries, unequal lengths and times that do not increase raise HistoryErr
 TemperatureError.
 """
 
-# ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
 import math

@@ -1,6 +1,5 @@
 """Which node is what, the parts of the network that no pose changes, and the temperatures found, by part."""
 
-# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
 import itertools
 from dataclasses import dataclass
 from typing import Self

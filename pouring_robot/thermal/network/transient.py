@@ -6,7 +6,6 @@ analytic Jacobian. Integration restarts where the pose or the slope of a tempera
 everything is smooth.
 """
 
-# ruff: noqa: N815 - units keep their capitals: K
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

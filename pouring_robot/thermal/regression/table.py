@@ -48,8 +48,7 @@ class ErrorTable:
             0 K or not distinct, or a constant column; later, a name that is asked for is none of the table's.
     """
 
-    # melt temperatures in K, shape (n,), all different, in the order they were given
-    temperatures_K: FloatArray  # noqa: N815 - the unit is kelvin
+    temperatures_K: FloatArray  # melt temperatures, shape (n,), all different, in the order they were given
     errors: FloatArray  # error of pose i at temperature j at [j, i], shape (n, k), in m or rad
     names: tuple[str, ...]  # names of the k error sets, without units
     kind: str = "length"  # "length" (m) or "angle" (rad)

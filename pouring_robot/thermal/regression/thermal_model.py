@@ -13,7 +13,6 @@
 The error along each axis is :class:`ErrorLine`'s.
 """
 
-# ruff: noqa: N815 - units keep their capitals
 from __future__ import annotations
 
 import math

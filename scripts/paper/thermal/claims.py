@@ -21,18 +21,18 @@ PAPER_CORRELATION = 2.0 * 0.9699 - 1.0
 PAPER_MEAN_M, PAPER_LARGEST_M = 3.0 * MM, 9.0 * MM
 
 
-def legs_degC(study: ThermalStudy, *, radiation: bool = True) -> FloatArray:  # noqa: N802
+def legs_degC(study: ThermalStudy, *, radiation: bool = True) -> FloatArray:
     """Return the mean temperature of every leg at every pose, shape (poses, 4)."""
     fields = study.radiation if radiation else study.conduction
     return np.array([field.leg_degC for field in fields])
 
 
-def elements_degC(study: ThermalStudy) -> FloatArray:  # noqa: N802
+def elements_degC(study: ThermalStudy) -> FloatArray:
     """Return every leg element between its joints, all poses, with radiation, shape (n,)."""
     return np.concatenate([field.leg_elements_degC[field.between_joints > 0.0] for field in study.radiation])
 
 
-def hottest_degC(study: ThermalStudy) -> FloatArray:  # noqa: N802
+def hottest_degC(study: ThermalStudy) -> FloatArray:
     """Return the hottest leg element of every pose, shape (poses,)."""
     return np.array([field.leg_elements_degC.max() for field in study.radiation])
 

@@ -70,7 +70,7 @@ class TableDesign:
     shared_m: float = 6e-5
     noise_m: float = 4e-5
     temperatures: int = 12
-    coldest_K: float = 873.15  # noqa: N815 - the unit is kelvin
+    coldest_K: float = 873.15
 
 
 @dataclass(frozen=True)

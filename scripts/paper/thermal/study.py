@@ -157,7 +157,7 @@ class ThermalStudy:
     layout: Layout
     seed: int
     poses: list[PlatformPose]
-    melts_degC: tuple[float, ...]  # noqa: N815
+    melts_degC: tuple[float, ...]
     conduction: list[TemperatureField]
     radiation: list[TemperatureField]
     moved: FloatArray
