@@ -11,10 +11,8 @@ from sklearn.utils.estimator_checks import check_estimator
 from statsmodels.multivariate import pca as statsmodels_pca
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
-from pouring_robot.thermal.regression.components import (
-    PrincipalComponentRegression,
-    variance_inflation_factors,
-)
+from pouring_robot.thermal.regression.joint_model import PrincipalComponentRegression
+from pouring_robot.thermal.regression.sensitive_sets import variance_inflation_factors
 from pouring_robot.thermal.regression.table import ErrorSetError
 
 

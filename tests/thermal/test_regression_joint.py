@@ -14,10 +14,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import check_estimator
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.thermal.regression.components import PrincipalComponentRegression, variance_inflation_factors
-from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression
+from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression, PrincipalComponentRegression
 from pouring_robot.thermal.regression.methods import fit_lines, judge, left_out
-from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector, grey_relational_degree
+from pouring_robot.thermal.regression.sensitive_sets import (
+    SensitiveSetSelector,
+    grey_relational_degree,
+    variance_inflation_factors,
+)
 from pouring_robot.thermal.regression.table import ErrorSetError, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
 from scripts.paper.thermal.regression import (

@@ -26,6 +26,7 @@ The paper's figures agree with step 2: a first component of 96.99 % in two sets 
 0.9398 between P1 and P8, and VIF = 1 / (1 − r²) = 8.56 < 10.
 """
 
+import warnings
 from typing import Any, Self
 
 import numpy as np
@@ -38,13 +39,14 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.thermal.regression.components import variance_inflation_factors
 from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
 # Two sets this close to r = 1 are one set: what still parts them is rounding, and a group made of it would be chance.
 _SAME = 1e-12
 VIF_LIMIT = 10.0
 """From here on collinearity is called serious (the paper's 5.1.3)."""
+# A set whose unexplained share is no larger is told exactly: what is left is rounding.
+_EXACT = 1e-14
 
 
 def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArray:
@@ -148,6 +150,30 @@ def grey_relational_degree(X: ArrayLike, y: ArrayLike) -> FloatArray:
     if half == 0.0:
         return np.ones(distances.shape[1])
     return np.asarray(((distances.min() + half) / (distances + half)).mean(axis=0))
+
+
+def variance_inflation_factors(X: ArrayLike, some: slice = slice(None)) -> FloatArray:
+    """Return the VIF of every set, or of some, against all others together, shape (k,), 1 or more; by statsmodels.
+
+    It is 1/(1 − R²), with R² of the set regressed on the others (the paper's 5.1.3, whose formula was lost), infinite
+    where they tell it exactly, which they always do with no more than k rows. A table of two sets gives the paper's VIF
+    of a pair. X: sets as columns, shape (n, k), in any units.
+
+    Raises:
+        ErrorSetError: a set is constant.
+    """
+    from statsmodels.stats.outliers_influence import variance_inflation_factor
+
+    scaled = standardised("error set", X)
+    if scaled.shape[1] == 1:
+        return np.ones(1)
+    with_constant = np.column_stack([np.ones(len(scaled)), scaled])
+    with np.errstate(divide="ignore"), warnings.catch_warnings():
+        # It warns of sets that the others tell exactly; they are told as infinite.
+        warnings.simplefilter("ignore", UserWarning)
+        asked = np.arange(1, with_constant.shape[1])[some]
+        unexplained = 1.0 / np.array([variance_inflation_factor(with_constant, i) for i in asked])
+        return np.where(unexplained <= _EXACT, np.inf, np.maximum(1.0 / unexplained, 1.0))
 
 
 class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]

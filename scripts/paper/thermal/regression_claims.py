@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.io.units import MM
-from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, PrincipalComponentRegression
+from pouring_robot.thermal.regression.joint_model import EXPLAINED_SHARE, PrincipalComponentRegression
 from pouring_robot.thermal.regression.methods import COMPONENTS, HELPS_BELOW, PAPER
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT
 from pouring_robot.thermal.regression.thermal_model import Remains
