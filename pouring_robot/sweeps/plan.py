@@ -159,17 +159,17 @@ class SweepPlan:
 
     def moved(self, values: FloatArray, poses: BatchCommand) -> ChunkResult:
         """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures."""
-        actual, (position, axes) = self.platforms(values, poses), self._expected(poses)
-        moved = self._displacement(actual, position, axes)
+        position, axes = poses.start.position, poses.start.rotation  # without the errors of the sweep
+        if self.config.model is not None:
+            without = self._without_errors(poses)
+            position, axes = without.position_m[0], without.rotation[0]
+        actual, offsets = self.platforms(values, poses), self.tool_offsets_m
+        found = actual.position_m[:, :, None] + np.einsum("spij,fj->spfi", actual.rotation, offsets)
+        moved = np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", axes, offsets)))
         turned = rotation_vectors(actual.rotation @ np.swapaxes(axes, 1, 2))
         return ChunkResult(
             moved, turned, actual.gap_m, actual.gap_rad, actual.status, values, pouring_robot.__version__
         )
-
-    def _displacement(self, actual: Platforms, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        offsets = self.tool_offsets_m
-        found = actual.position_m[:, :, None] + np.einsum("spij,fj->spfi", actual.rotation, offsets)
-        return np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", rotation, offsets)))
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
         """Return for each parameter the number of the group whose tolerances are scaled together."""
@@ -241,13 +241,6 @@ class SweepPlan:
     def content_hash(self) -> str:
         """SHA-256 of :attr:`content`: two plans with the same one give the same numbers."""
         return _digest(json.dumps(self.content, sort_keys=True).encode())
-
-    def _expected(self, poses: BatchCommand) -> tuple[FloatArray, FloatArray]:
-        """Return position (poses, 3) and axes (poses, 3, 3) of the platform without the errors of the sweep."""
-        if self.config.model is None:
-            return poses.start.position, poses.start.rotation
-        without = self._without_errors(poses)
-        return without.position_m[0], without.rotation[0]
 
     def _without_errors(self, poses: BatchCommand) -> Platforms:
         return self.platforms(np.zeros((1, len(self.parameters))), poses)
