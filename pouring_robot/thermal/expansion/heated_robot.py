@@ -71,14 +71,12 @@ class WarmRobot(PouringRobot):
         for errors in (expansion.placements(robot.kinematics), robot.model.displacements()):
             mechanism = mechanism.displaced(errors)
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
+        growth = growth_of_drives(np.array([expansion.leg_strain]), mechanism.loops.drives)[0]
+        self._growth = dict(zip(mechanism.loops.drives, growth.tolist(), strict=True))
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
-        growth = growth_of_drives(self._strain, list(drives))[0].tolist()
-        return {
-            name: value * grown
-            for (name, value), grown in zip(super().actual_drives(drives).items(), growth, strict=True)
-        }
+        return {name: value * self._growth[name] for name, value in super().actual_drives(drives).items()}
 
     def built_as(self, model: RobotModel) -> Self:
         """As of every robot, as warm."""
@@ -89,21 +87,12 @@ class WarmRobot(PouringRobot):
     ) -> xr.DataArray:
         """As of every robot; the error of a drive grows with its leg."""
         found = super().transfer(command, parameters, frame)
-        names = [drive.name for drive in drive_parameters(self.actual_solver.mechanism)]
-        growth = dict(zip(names, self._growth[0].tolist(), strict=True))
+        growth = {drive.name: self._growth[drive.joint] for drive in drive_parameters(self.actual_solver.mechanism)}
         return found.copy(data=found.values * [growth.get(name, 1.0) for name in found.parameter.values.tolist()])
-
-    @property
-    def _growth(self) -> FloatArray:
-        return growth_of_drives(self._strain, self.actual_solver.mechanism.loops.drives)
-
-    @property
-    def _strain(self) -> FloatArray:
-        return np.array([self.expansion.leg_strain])
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """As of every robot, legs grown."""
-        return self.engine().close((drives + self.model.offset_of_each_drive()) * self._growth, start)
+        return self.engine().close((drives + self.model.offset_of_each_drive()) * list(self._growth.values()), start)
 
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
