@@ -107,7 +107,9 @@ def _composite(view: View, layers: Sequence[Layer], top: int, bottom: int) -> Fl
     samples = _background(view, top, rows)
     nearest = np.full((rows, view.columns), np.inf, dtype=np.float32)
     for layer in layers:
-        part = _overlap(layer, top, rows)
+        down, across = layer.window  # of the picture; of the band it takes:
+        first = min(max(down.start - top, 0), rows)
+        part = slice(first, min(max(down.stop - top, first), rows)), across
         if layer.bodies[0].on_top:
             hits = layer.meet(directions[part])
             _over(samples[part], lit_colours(layer.camera, directions[part], hits), hits.mask, 1.0)
@@ -120,13 +122,6 @@ def _composite(view: View, layers: Sequence[Layer], top: int, bottom: int) -> Fl
             _over(samples, 0.35 * hits.colour, edge_mask(hits), 0.6)
             nearest = hits.depth
     return samples
-
-
-def _overlap(layer: Layer, top: int, rows: int) -> tuple[slice, slice]:
-    """Return the rows of a band, and the columns, in which a layer can be seen."""
-    down, across = layer.window
-    first = min(max(down.start - top, 0), rows)
-    return slice(first, min(max(down.stop - top, first), rows)), across
 
 
 def _lay_ghost(samples: Floats, layer: Layer, directions: Floats, nearest: Floats) -> None:

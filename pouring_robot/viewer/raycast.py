@@ -100,7 +100,8 @@ class Layer:
         counts = [len(body.shape.vertices) for body in bodies]
         starts = np.cumsum([0, *counts[:-1]])
         vertices = np.concatenate([body.vertices_in_world() for body in bodies]) - self.camera.eye_m
-        self._normals = np.concatenate([body.normals_in_world() for body in bodies]).astype(np.float32)
+        normals = [body.shape.normals @ body.pose_world_to_solid[:3, :3].T for body in bodies]
+        self._normals = np.concatenate(normals).astype(np.float32)
         faces = [body.shape.faces + start for body, start in zip(bodies, starts, strict=True)]
         self._faces = np.concatenate(faces).astype(np.int32)
         self._part = np.repeat(np.arange(len(bodies), dtype=np.int32), [len(one) for one in faces])

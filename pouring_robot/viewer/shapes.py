@@ -74,7 +74,11 @@ def shape_of(item: pin.GeometryObject) -> Shape:
         case coal.Sphere():
             return _made(trimesh.creation.icosphere, 3, geometry.radius)
         case coal.BVHModelBase():
-            return _from_mesh(geometry, mirrored=float(np.prod(item.meshScale)) < 0.0)
+            # Its scale is already in the vertices; what that mirrors is wound the other way round, or it is inside out.
+            triangles = map(geometry.tri_indices, range(geometry.num_tris))
+            faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
+            wound = faces[:, ::-1] if np.prod(item.meshScale) < 0.0 else faces
+            return _meshed(np.array(geometry.vertices(), dtype=np.float64).tobytes(), wound.tobytes())
     raise DescriptionError(
         "robot description", f"visual '{item.name}' is a {type(geometry).__name__}, which cannot be drawn"
     )
@@ -91,17 +95,6 @@ def _made(make: Callable[..., Any], *sizes: float | tuple[float, ...]) -> Shape:
     body = make(*sizes)
     body.apply_translation(-body.bounds.mean(axis=0))
     return smooth(body)
-
-
-def _from_mesh(geometry: coal.BVHModelBase, *, mirrored: bool) -> Shape:
-    """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices.
-
-    What it mirrors is wound the other way round, else it would be inside out.
-    """
-    vertices = np.array(geometry.vertices(), dtype=np.float64)
-    triangles = map(geometry.tri_indices, range(geometry.num_tris))
-    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
-    return _meshed(vertices.tobytes(), (faces[:, ::-1] if mirrored else faces).tobytes())
 
 
 @lru_cache(maxsize=128)  # by content: both robots of a scene load the same files
@@ -138,10 +131,6 @@ class Solid:
         """Return the vertices in the world frame, shape (v, 3), m."""
         pose = self.pose_world_to_solid
         return self.shape.vertices @ pose[:3, :3].T + pose[:3, 3]
-
-    def normals_in_world(self) -> FloatArray:
-        """Return the vertex normals in the world frame, shape (v, 3), unit."""
-        return self.shape.normals @ self.pose_world_to_solid[:3, :3].T
 
 
 def enlarged(bodies: FloatArray, reference: FloatArray, factor: float) -> FloatArray:
