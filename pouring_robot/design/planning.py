@@ -242,8 +242,7 @@ class Planner:
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
         values, of_ladle = projected_singular_values(flat, self.nuisance, prior), np.sqrt(np.maximum(variance, 0.0))
-        axes, frame = self.robot.command_axes, self.robot.model.definition.loops.working_frame
-        return PlanQuality(expected, std, axes, frame, grid, of_ladle, values, poses)
+        return PlanQuality(expected, std, grid, of_ladle, values, poses)
 
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:

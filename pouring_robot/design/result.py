@@ -53,8 +53,6 @@ class PlanQuality:
 
     covariance: FloatArray  # of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P)
     parameter_std: FloatArray  # shape (P,)
-    axes: tuple[CommandAxis, ...]
-    frame: str  # the working frame: the pouring lip, or a tool
     ladle_poses: FloatArray  # commands of the workspace, in m and rad, shape (g, k)
     ladle_std: FloatArray  # of the working frame there, x y z in m and rotation vector in rad, shape (g, 6)
     singular_values: FloatArray  # of the plan with the frames projected out, per shown unit (mm, mrad ...), shape (P,)
@@ -84,20 +82,6 @@ class PlanQuality:
     def indices(self) -> dict[str, float]:
         """O1 to O5, by name."""
         return observability(self.singular_values, self.poses)
-
-    def ladle_figures(self) -> dict[str, Any]:
-        """Return how well the pouring lip will be known, for JSON, in the units people use."""
-        by_axis = np.sqrt(np.mean(self.ladle_std**2, axis=0))
-        worst = self.ladle_poses[int(np.argmax(self.ladle_position_std_m))].tolist()
-        return {
-            "frame": self.frame,
-            "rms_mm": self.ladle_rms_m / MM,
-            "rms_mrad": self.ladle_rms_rad / MRAD,
-            "worst_mm": self.ladle_worst_m / MM,
-            "worst_at": {axis.heading: axis.shown(value) for axis, value in zip(self.axes, worst, strict=True)},
-            "rms_by_axis_mm": dict(zip("xyz", (by_axis[:3] / MM).tolist(), strict=True)),
-            "rms_by_axis_mrad": dict(zip("xyz", (by_axis[3:] / MRAD).tolist(), strict=True)),
-        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,7 +147,9 @@ class MeasurementPlan(Result):
 
     def figures(self) -> dict[str, Any]:
         """Return everything worth knowing about the plan, ready for JSON, in the units people use."""
-        request, noise = self.request, self.request.noise
+        request, noise, quality = self.request, self.request.noise, self.quality
+        by_axis = np.sqrt(np.mean(quality.ladle_std**2, axis=0))
+        worst = quality.ladle_poses[int(np.argmax(quality.ladle_position_std_m))].tolist()
         return {
             "criterion": request.criterion,
             "value": self.value,
@@ -173,14 +159,22 @@ class MeasurementPlan(Result):
             "sigma_mm": noise.position_m / MM,
             "sigma_mrad": noise.rotation_rad / MRAD if noise.turned else None,
             "priors": request.priors is not None,
-            "indices": self.quality.indices,
+            "indices": quality.indices,
             "parameters": [
                 {"name": p.name, "std": float(std / si), "unit": unit}
-                for p, std in zip(self.parameters, self.quality.parameter_std, strict=True)
+                for p, std in zip(self.parameters, quality.parameter_std, strict=True)
                 for unit, si in (p.shown_in,)
             ],
             "left_out": list(self.left_out),
-            "ladle": self.quality.ladle_figures(),
+            "ladle": {
+                "frame": self.robot.loops.working_frame,
+                "rms_mm": quality.ladle_rms_m / MM,
+                "rms_mrad": quality.ladle_rms_rad / MRAD,
+                "worst_mm": quality.ladle_worst_m / MM,
+                "worst_at": {axis.heading: axis.shown(value) for axis, value in zip(self.axes, worst, strict=True)},
+                "rms_by_axis_mm": dict(zip("xyz", (by_axis[:3] / MM).tolist(), strict=True)),
+                "rms_by_axis_mrad": dict(zip("xyz", (by_axis[3:] / MRAD).tolist(), strict=True)),
+            },
             "plan": self.rows(),
         }
 

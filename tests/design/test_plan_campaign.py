@@ -33,7 +33,7 @@ def test_another_robot_is_planned_by_its_drives(tmp_path):
     assert compare_with_random(planner, plan, 5).ratios[0] < 1.0
     limits = robot.nominal_solver.mechanism.joint_limits()["arm1_drive"]
     assert plan.poses.min() >= limits[0] and plan.poses.max() <= limits[1]
-    assert plan.quality.frame == robot.model.definition.loops.working_frame
+    assert plan.figures()["ladle"]["frame"] == robot.model.definition.loops.working_frame
     assert plot(plan).startswith(b"\x89PNG")
     with pytest.raises(BadInputError, match="pouring robot only"):
         Planner(robot, PlanRequest(loads_kg=(0.0, 100.0)))
