@@ -104,8 +104,8 @@ class Campaign(Result):
             values = getattr(self, name)
             if values is not None or name in ("drives", "position_m"):
                 object.__setattr__(self, name, _checked(name, values, (rows, len(parts))))
-        unknown = next((name for name in self.conditions if name not in self._condition_names), None)
-        if unknown is not None:
+        conditions = columns.numeric_conditions(self.robot)
+        for unknown in (name for name in self.conditions if name not in conditions):
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
         known = {name: values for name, values in kept.items() if not np.isnan(values).all()}  # as of empty columns
@@ -119,10 +119,6 @@ class Campaign(Result):
     @functools.cached_property
     def _quantities(self) -> dict[str, Quantity]:
         return {quantity.name: quantity for quantity in columns.campaign_columns(self.robot)}
-
-    @functools.cached_property
-    def _condition_names(self) -> tuple[str, ...]:
-        return columns.numeric_conditions(self.robot)
 
     @functools.cached_property
     def _places(self) -> dict[str, tuple[str, int]]:
@@ -342,7 +338,7 @@ class Campaign(Result):
             BadInputError: there is no such quantity.
         """
         if name not in self._places:
-            if name not in self._condition_names:
+            if name not in self._quantities or self._quantities[name].kind == "label":
                 raise BadInputError(f"a campaign has no quantity '{name}'; known: {', '.join(self._quantities)}")
             return self.conditions.get(name)
         array, column = self._places[name]
