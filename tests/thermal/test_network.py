@@ -13,7 +13,7 @@ from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import BarCells, _seen_around, link_boxes, merged
 from pouring_robot.thermal.network.parts import radiation_conductances
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords
+from pouring_robot.thermal.network.view_factors import DiscChords
 from tests.support import random_poses, unbalanced
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
@@ -146,7 +146,7 @@ def test_tilting_the_mouth_towards_legs_warms_them(network):
 
 def test_the_platform_shades_the_legs(network, drawing):
     free = ThermalNetwork(drawing)
-    free.bodies = replace(free.bodies, in_the_way=Boxes(np.zeros((0, 3)), np.zeros((0, 3))))
+    free.bodies = replace(free.bodies, in_the_way_m=np.zeros((0, 2, 3)))
     assert np.all(free.steady(POSE).leg_degC > network.steady(POSE).leg_degC + 20.0)
 
 
@@ -155,7 +155,7 @@ def test_legs_converge_with_refinement(drawing):
     means = []
     for count in (12, 24, 48, 96):
         network = ThermalNetwork(drawing, elements_per_leg=count, elements_per_bar=4)
-        network.bodies = replace(network.bodies, in_the_way=Boxes(np.zeros((0, 3)), np.zeros((0, 3))))
+        network.bodies = replace(network.bodies, in_the_way_m=np.zeros((0, 2, 3)))
         means.append(network.steady(POSE).leg_degC)
     steps = np.abs(np.diff(means, axis=0)).max(axis=1)
     # Ends of the housing cut elements anywhere, so single steps are uneven; over two of them the order is seen.
@@ -173,7 +173,7 @@ def test_leg_view_factor_is_the_mean_around_the_rod():
     """Around itself a thin rod sees of every bit of the disc sin(angle to its axis)/π of what a facing element sees."""
     radius, down = 0.3, np.array([0.1, -0.05, -1.0]) / np.linalg.norm([0.1, -0.05, -1.0])
     points = np.array([[0.35, 0.1, 0.15], [0.1, -0.2, 0.4], [-0.5, 0.2, 0.8]])
-    no_boxes = Boxes(np.zeros((0, 3)), np.zeros((0, 3)))
+    no_boxes = np.zeros((0, 2, 3))
     centres, along = np.tile(points, (4, 1, 1)), np.tile(-down, (4, 1))
     lit = np.ones((4, 3), dtype=bool)
     found, harmonic = _seen_around(centres, along, np.full(3, 1e-9), lit, DiscChords.of(radius), no_boxes)
@@ -204,17 +204,17 @@ def test_path_weights_add_up_to_the_leg(network):
 
 
 def test_bars_conduct_and_lose_no_surface(drawing):
-    straight = Boxes(np.array([[0.0, 0.0, 0.0]]), np.array([[1.0, 0.1, 0.2]]))
+    straight = np.array([[[0.0, 0.0, 0.0], [1.0, 0.1, 0.2]]])
     cells = BarCells.cut(straight, 5)
     assert [c[2] for c in cells.contacts] == pytest.approx([0.02 / 0.2] * 4)
     assert cells.face_area_m2.sum() == pytest.approx(2 * (0.02 + 0.1 + 0.2))
     boxes = link_boxes(drawing.model.definition.urdf(), "moving_platform")
     whole = BarCells.cut(boxes, 4)
-    assert whole.volume_m3.sum() == pytest.approx(np.prod(boxes.upper_m - boxes.lower_m, axis=1).sum())
+    assert whole.volume_m3.sum() == pytest.approx(np.prod(boxes[:, 1] - boxes[:, 0], axis=1).sum())
     assert np.all(whole.face_area_m2 >= 0.0)
     one = merged(boxes)
-    assert len(one.lower_m) == len(boxes.lower_m) - 2  # two bars across, each drawn in two halves
-    assert np.prod(one.upper_m - one.lower_m, axis=1).sum() == pytest.approx(whole.volume_m3.sum())
+    assert len(one) == len(boxes) - 2  # two bars across, each drawn in two halves
+    assert np.prod(one[:, 1] - one[:, 0], axis=1).sum() == pytest.approx(whole.volume_m3.sum())
 
 
 def test_links_that_are_no_boxes_are_refused(drawing):

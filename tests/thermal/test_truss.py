@@ -11,7 +11,6 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, lo
 from pouring_robot.thermal.expansion import truss as network_of_truss
 from pouring_robot.thermal.expansion.truss import TrussMotion, TrussNetwork
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.view_factors import Boxes
 from tests.support import unbalanced
 
 MELT_K, AMBIENT_K, ALPHA = 1973.15, 293.15, 1.2e-5
@@ -116,7 +115,7 @@ def test_what_stands_between_hides_its_share():
     ends = np.array([[x, y, 0.0] for x in np.linspace(-1, 1, 40) for y in np.linspace(-1, 1, 40)])
     starts = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.5]])
     # A plate half way down: from above it covers the half of the ends with x > 0, from within itself nothing.
-    plate = Boxes(np.array([[0.0, -9.0, 0.99]]), np.array([[9.0, 9.0, 1.01]]))
+    plate = np.array([[[0.0, -9.0, 0.99], [9.0, 9.0, 1.01]]])
     assert network_of_truss._clear_share(starts, ends, plate) == pytest.approx([0.5, 1.0, 1.0])
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 RADIUS = 0.3
 DOWN = np.array([0.0, 0.0, -1.0])
-NO_BOXES = Boxes(np.zeros((0, 3)), np.zeros((0, 3)))
+NO_BOXES = np.zeros((0, 2, 3))
 
 
 def element_to_disc(points, normals, boxes=NO_BOXES, chords=24):
@@ -57,10 +57,10 @@ def by_monte_carlo(point, normal, count, seed, boxes=NO_BOXES):
     hit = point + ray * (point[2] / -ray[:, 2])[:, None]
     on_disc = np.hypot(hit[:, 0], hit[:, 1]) < RADIUS
     hits = hit[on_disc]
-    if len(boxes.lower_m) and len(hits):
+    if len(boxes) and len(hits):
         low, high = np.full(len(hits), 0.0), np.full(len(hits), 1.0)
         free = np.ones(len(hits), dtype=bool)
-        for a, b in zip(boxes.lower_m, boxes.upper_m, strict=True):
+        for a, b in boxes:
             t = np.sort(np.stack([(a - point) / (hits - point), (b - point) / (hits - point)]), axis=0)
             low, high = t[0].max(axis=1), t[1].min(axis=1)
             free &= ~((low < high) & (high > 0) & (low < 1))
@@ -143,7 +143,7 @@ def test_around_a_point_the_factors_make_up_the_solid_angle():
     assert mean == pytest.approx(solid_angle / (4 * np.pi), rel=1e-4)
 
 
-BAR = Boxes(np.array([[-0.25, -0.5, 0.04]]), np.array([[-0.15, 0.5, 0.09]]))
+BAR = np.array([[[-0.25, -0.5, 0.04], [-0.15, 0.5, 0.09]]])
 
 
 def test_a_bar_hides_its_shadow():

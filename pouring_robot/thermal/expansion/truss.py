@@ -32,7 +32,6 @@ from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import radiation_conductances
 from pouring_robot.thermal.network.transient import integrate
-from pouring_robot.thermal.network.view_factors import Boxes
 
 GIRDER_CELLS, TROLLEY_CELLS = 36, 6
 _MELT_POINTS = 100
@@ -64,12 +63,10 @@ class TrussNetwork:
         self._girders = _girder_cells(layout)
         self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
         urdf = robot.robot.model.definition.urdf()
-        frame, platform = link_boxes(urdf, "trolley", skip_round=True), link_boxes(urdf, "fixed_platform")
         up = np.array([0.0, 0.0, layout.truss.platform_drop.metres])
-        frame = Boxes(frame.lower_m + up, frame.upper_m + up)
+        frame = link_boxes(urdf, "trolley", skip_round=True) + up
         self._trolley = BarCells.cut(frame, TROLLEY_CELLS)
-        pairs = zip((frame.lower_m, frame.upper_m), (platform.lower_m, platform.upper_m), strict=True)
-        self._in_the_way = merged(Boxes(*(np.concatenate(pair) for pair in pairs)))
+        self._in_the_way = merged(np.concatenate([frame, link_boxes(urdf, "fixed_platform")]))
         self._density = layout.materials.steel_density.value
 
     def temperatures(
@@ -108,13 +105,13 @@ class TrussNetwork:
         return Circuit(conducts, none, film, to_melt, to_ambient, capacity, radiating)
 
 
-def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes: Boxes) -> FloatArray:
+def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes_m: FloatArray) -> FloatArray:
     """Return which share of the ways from each start (N, 3) to all ends (K, 3) meets no box but its own, shape (N,)."""
     # Coordinates first: the largest of three arrays is found much faster than that of many threes.
     at, to = np.ascontiguousarray(starts_m.T)[..., None], np.ascontiguousarray(ends_m.T)[:, None]
     per_way = 1.0 / (to - at)
     hidden = np.zeros(per_way.shape[1:], dtype=bool)
-    for lower, upper in zip(boxes.lower_m, boxes.upper_m, strict=True):
+    for lower, upper in boxes_m:
         inside = np.all((lower <= starts_m) & (starts_m <= upper), axis=1)
         one, other = ((side[:, None, None] - at) * per_way for side in (lower, upper))
         enters, leaves = np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
@@ -127,19 +124,18 @@ def _girder_cells(layout: LayoutEntry) -> BarCells:
     truss = layout.truss
     wall, up = truss.girder_wall.metres, truss.platform_drop.metres
     x, y, z = 0.5 * truss.gauge.metres, 0.5 * truss.girder_width.metres, 0.5 * truss.girder_height.metres
-    plates = [
-        ([-x, -y, -z], [x, y, wall - z]),
-        ([-x, -y, wall - z], [x, wall - y, 0.0]),
-        ([-x, y - wall, wall - z], [x, y, 0.0]),
-        ([-x, -y, 0.0], [x, wall - y, z - wall]),
-        ([-x, y - wall, 0.0], [x, y, z - wall]),
-        ([-x, -y, z - wall], [x, y, z]),
-    ]
-    middles = np.array([[0.0, side * truss.girder_offset.metres, up] for side in _SIDES])
-    lower, upper = (
-        np.concatenate([np.array(corner) + middle for middle in middles]) for corner in zip(*plates, strict=True)
+    plates = np.array(
+        [
+            ([-x, -y, -z], [x, y, wall - z]),
+            ([-x, -y, wall - z], [x, wall - y, 0.0]),
+            ([-x, y - wall, wall - z], [x, y, 0.0]),
+            ([-x, -y, 0.0], [x, wall - y, z - wall]),
+            ([-x, y - wall, 0.0], [x, y, z - wall]),
+            ([-x, -y, z - wall], [x, y, z]),
+        ]
     )
-    cells = BarCells.cut(Boxes(lower, upper), GIRDER_CELLS)
+    middles = np.array([[0.0, side * truss.girder_offset.metres, up] for side in _SIDES])
+    cells = BarCells.cut(np.concatenate([plates + middle for middle in middles]), GIRDER_CELLS)
     outside = cells.face_centres_m + _INSIDE_M * FACE_NORMALS
     inside = np.zeros(cells.face_area_m2.shape, dtype=bool)
     for middle in middles:

@@ -131,7 +131,7 @@ class ThermalNetwork:
         origin = position + rotation @ self.bodies.ladle.melt_centre_m
         upper, lower = ((centres.reshape(4, 3) - origin) @ rotation for centres in (upper, lower))
         bodies, properties = self.bodies, self.properties
-        exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self.bodies.in_the_way)
+        exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self.bodies.in_the_way_m)
         nodes, matrix = bodies.nodes, self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
         for i in range(len(LEGS)):
@@ -168,5 +168,5 @@ class ThermalNetwork:
     def _view_area(self, cells: BarCells, rotation: FloatArray, origin: FloatArray) -> FloatArray:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
-        factors = hidden_view_factors(faces, middles, normals, self._disc, self.bodies.in_the_way)
+        factors = hidden_view_factors(faces, middles, normals, self._disc, self.bodies.in_the_way_m)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))

@@ -20,7 +20,7 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry, Leg
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 FACE_NORMALS = np.concatenate([-np.eye(3), np.eye(3)])
 """Outward normals of a box: -x, -y, -z, +x, +y, +z; shape (6, 3)."""
@@ -29,8 +29,8 @@ FACETS = 16
 """Facets around a rod."""
 
 
-def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
-    """Return the boxes a link is drawn with, in the link's frame; cylinders, such as wheels, may be skipped.
+def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
+    """Return the boxes a link is drawn with, in the link's frame, (B, 2, 3); cylinders, as wheels, may be skipped.
 
     Raises:
         DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes.
@@ -40,21 +40,20 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
         visuals = [one for one in visuals if one.find("geometry/cylinder") is None]
     if not visuals:
         raise DescriptionError("URDF", f"link '{link}', which the thermal model needs, is missing or has no shape")
-    lower, upper = [], []
+    boxes = []
     for visual in visuals:
         box, origin = visual.find("geometry/box"), visual.find("origin")
         placed = {} if origin is None else origin.attrib
         if box is None or any(map(float, placed.get("rpy", "0 0 0").split())):
             raise DescriptionError("URDF", f"link '{link}': the thermal model takes boxes along the link's axes only")
         size, centre = (np.array(text.split(), dtype=float) for text in (box.get("size"), placed.get("xyz", "0 0 0")))
-        lower.append(centre - 0.5 * size)
-        upper.append(centre + 0.5 * size)
-    return Boxes(np.array(lower), np.array(upper))
+        boxes.append([centre - 0.5 * size, centre + 0.5 * size])
+    return np.array(boxes)
 
 
-def merged(boxes: Boxes) -> Boxes:
-    """Return the same solid with boxes joined that continue one another: fewer to look through."""
-    rest = [np.array(pair) for pair in zip(boxes.lower_m, boxes.upper_m, strict=True)]
+def merged(boxes_m: FloatArray) -> FloatArray:
+    """Return the same solid with boxes (B, 2, 3) joined that continue one another: fewer to look through."""
+    rest = list(boxes_m)
     done: list[FloatArray] = []
     while rest:
         box = rest.pop()
@@ -66,7 +65,7 @@ def merged(boxes: Boxes) -> Boxes:
                 break
         else:
             done.append(box)
-    return Boxes(*np.stack(done, axis=1))
+    return np.array(done)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +78,10 @@ class BarCells:
     contacts: tuple[tuple[int, int, float], ...]  # first cell, second cell, area in m² over distance in m
 
     @classmethod
-    def cut(cls, boxes: Boxes, cells_per_bar: int) -> Self:
-        """Cut boxes into cells along their longest edges and find which touch."""
+    def cut(cls, boxes_m: FloatArray, cells_per_bar: int) -> Self:
+        """Cut boxes (B, 2, 3) into cells along their longest edges and find which touch."""
         cells = []
-        for low, high in zip(boxes.lower_m, boxes.upper_m, strict=True):
+        for low, high in boxes_m:
             axis = int(np.argmax(high - low))
             cuts = np.linspace(low[axis], high[axis], cells_per_bar + 1)
             corners = np.tile([[low], [high]], (1, cells_per_bar, 1))
@@ -242,10 +241,10 @@ class LegExposure:
     touching_m2: FloatArray  # surface of each moving element inside each fixed element, shape (4, N, F)
 
     @classmethod
-    def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> Self:
+    def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes_m: FloatArray) -> Self:
         """Place the elements between U-joint centres in the disc's frame, (4, 3) each, and look at the melt from each.
 
-        ``boxes`` hide it.
+        Boxes (B, 2, 3) hide it.
         """
         along = upper_m - lower_m
         lengths = np.linalg.norm(along, axis=1)
@@ -258,7 +257,7 @@ class LegExposure:
         around = 2.0 * math.pi * grid.outer_m
         outside = np.concatenate([pieces, np.tile(grid.step_m[grid.moving :], (len(LEGS), 1))], axis=1)
         area = around * outside
-        mean, harmonic = _seen_around(centres, along, grid.outer_m, area > 0.0, disc, boxes)
+        mean, harmonic = _seen_around(centres, along, grid.outer_m, area > 0.0, disc, boxes_m)
         ends = itertools.pairwise(grid.fixed_edges_m)
         inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in ends]
         touching = around[0] * np.stack(inside, axis=-1)
@@ -284,7 +283,7 @@ def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _seen_around(
-    centres: FloatArray, along: FloatArray, radii: FloatArray, exposed: BoolArray, disc: DiscChords, boxes: Boxes
+    centres: FloatArray, along: FloatArray, radii: FloatArray, exposed: BoolArray, disc: DiscChords, boxes_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean view factor, (4, E), and its first harmonic around the rods, (4, E, 3)."""
     angles = 2.0 * math.pi * np.arange(FACETS) / FACETS
@@ -296,6 +295,6 @@ def _seen_around(
     normals = np.broadcast_to(around[:, None], (*centres.shape[:2], FACETS, 3))
     surface = centres[:, :, None] + radii[None, :, None, None] * normals
     factors = np.zeros((*exposed.shape, FACETS))
-    factors[exposed] = hidden_view_factors(surface[exposed], centres[exposed], normals[exposed], disc, boxes)
+    factors[exposed] = hidden_view_factors(surface[exposed], centres[exposed], normals[exposed], disc, boxes_m)
     harmonic = 2.0 / FACETS * np.einsum("lem,lemk->lek", factors, normals)
     return factors.mean(axis=-1), harmonic

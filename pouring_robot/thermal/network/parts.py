@@ -23,7 +23,7 @@ from pouring_robot.thermal.network.elements import (
     link_boxes,
     merged,
 )
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 LINING_LAYERS = 5
 _OFF_THE_FACE_M = 1e-6
@@ -67,7 +67,7 @@ class Bodies:
     moving: BarCells  # in the moving platform's frame, P of them
     fixed: BarCells
     ladle: LadleSections
-    in_the_way: Boxes  # the moving platform's bars in the disc's frame
+    in_the_way_m: FloatArray  # boxes of the moving platform's bars in the disc's frame, shape (B, 2, 3)
     area_m2: FloatArray  # surface that meets air, of all nodes but the legs', whose changes with the pose, shape (n,)
     # the same times its view factor, of the moving platform, which goes with the ladle; zero for what goes by itself
     view_area_m2: FloatArray
@@ -80,8 +80,7 @@ class Bodies:
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
         boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]
         moving, fixed = (BarCells.cut(part, bars) for part in boxes)
-        whole = merged(boxes[0])
-        in_the_way = Boxes(whole.lower_m - ladle.melt_centre_m, whole.upper_m - ladle.melt_centre_m)
+        in_the_way = merged(boxes[0]) - ladle.melt_centre_m
         normals = np.broadcast_to(FACE_NORMALS, (moving.count, 6, 3))
         points = moving.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
         disc = DiscChords.of(ladle.melt_radius_m, count=128)

@@ -1,7 +1,7 @@
 """View factors from small plane or cylindrical elements to a disc, and what a frame of bars hides of the disc.
 
 All lengths in m, in a frame with the disc's centre at the origin and the disc in the plane z = 0, radiating into the
-half-space z > 0.
+half-space z > 0. Boxes with edges along the axes of their frame are arrays (B, 2, 3) of lower and upper corners.
 
 Unhidden factors are exact: the area integral over the disc is turned into one along its outline (Sparrow's contour
 integration), F = -1/(2π) n · ∮ (r × dr)/|r|², which has a closed form on a circle. Where the element's own horizon cuts
@@ -45,16 +45,8 @@ class DiscChords:
         return cls(radius_m, radius_m * np.stack(parts, axis=-1))
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Lower and upper corners of boxes with edges along the axes of their frame, shape (N, 3) each, in m."""
-
-    lower_m: FloatArray
-    upper_m: FloatArray
-
-
 def hidden_view_factors(
-    facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes: Boxes
+    facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes_m: FloatArray
 ) -> FloatArray:
     """Return view factors of elements' facets, boxes in between, shape (N, M).
 
@@ -62,13 +54,12 @@ def hidden_view_factors(
     sight that serves all facets of an element starts in its middle, shape (N, 3): thin or far elements need no more.
     The error of the chords is only where something is hidden.
     """
-    chords, count, facets = len(disc.chords_m), len(boxes.lower_m), normals.shape[1]
+    chords, count, facets = len(disc.chords_m), len(boxes_m), normals.shape[1]
     bounds, pieces, facing, totals = (np.empty(n) for n in ((2, 5, 2), (chords, count, 2), (facets, 2), (2, facets)))
     room = bounds, pieces, np.empty(chords, dtype=np.int64), np.empty(count, dtype=np.int64), facing, totals
     factors = np.empty(normals.shape[:2])
     facets_m, middles_m, normals = (np.ascontiguousarray(array) for array in (facets_m, middles_m, normals))
-    sides = boxes.lower_m, boxes.upper_m
-    write_factors(facets_m, middles_m, normals, disc.radius_m, disc.chords_m, *sides, room, factors)
+    write_factors(facets_m, middles_m, normals, boxes_m, disc.radius_m, disc.chords_m, room, factors)
     return factors
 
 
@@ -127,8 +118,7 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
 def _shadow(
     point: tuple[float, float, float],
     chord: tuple[float, float, float, float, float],
-    lower: FloatArray,
-    upper: FloatArray,
+    box: FloatArray,
     bounds: FloatArray,
 ) -> tuple[float, float]:
     """Return the interval of a chord that a box hides from a point; empty where it ends before it begins.
@@ -141,7 +131,7 @@ def _shadow(
     """
     x, y, z = point
     at_x, at_y, way_x, way_y, half = chord
-    near, far = max(1.0 - upper[2] / z, 1e-9), min(1.0 - lower[2] / z, 1.0 - 1e-9)
+    near, far = max(1.0 - box[1, 2] / z, 1e-9), min(1.0 - box[0, 2] / z, 1.0 - 1e-9)
     if near >= far:
         return 1.0, -1.0
     bounds[0, 0, 0], bounds[0, 0, 1] = 1.0 / far, 0.0
@@ -150,7 +140,7 @@ def _shadow(
     for k in range(4):
         axis, high = k // 2, k % 2
         here, start, way = (x, at_x, way_x) if axis == 0 else (y, at_y, way_y)
-        side = (upper[axis] if high else lower[axis]) - here
+        side = box[high, axis] - here
         if abs(side) < 1e-12:
             side = 1e-12
         if (side > 0.0) == (high == 1):
@@ -201,20 +191,18 @@ def _add_piece(totals: FloatArray, facing: FloatArray, begin: float, end: float,
 
 
 @compiled
-def _boxes_between(
-    point: tuple[float, float, float], radius: float, lower: FloatArray, upper: FloatArray, between: IntArray
-) -> int:
+def _boxes_between(point: tuple[float, float, float], radius: float, boxes: FloatArray, between: IntArray) -> int:
     """Write the boxes that the cone from a point to the disc may meet, by number; return how many."""
     count = 0
-    for box in range(len(lower)):
+    for box in range(len(boxes)):
         # How far down the way to the disc the box begins and ends.
-        begin, end = 1.0 - upper[box, 2] / point[2], 1.0 - lower[box, 2] / point[2]
+        begin, end = 1.0 - boxes[box, 1, 2] / point[2], 1.0 - boxes[box, 0, 2] / point[2]
         begin, end = max(begin, 0.0), min(end, 1.0)
         meets = begin < end
         for k in range(2):
             at_begin, at_end = point[k] * (1.0 - begin), point[k] * (1.0 - end)
-            meets = meets and max(at_begin + radius * begin, at_end + radius * end) > lower[box, k]
-            meets = meets and min(at_begin - radius * begin, at_end - radius * end) < upper[box, k]
+            meets = meets and max(at_begin + radius * begin, at_end + radius * end) > boxes[box, 0, k]
+            meets = meets and min(at_begin - radius * begin, at_end - radius * end) < boxes[box, 1, k]
         if meets:
             between[count] = box
             count += 1
@@ -225,8 +213,7 @@ def _boxes_between(
 def _hidden_pieces(
     point: tuple[float, float, float],
     chord: tuple[float, float, float, float, float],
-    lower: FloatArray,
-    upper: FloatArray,
+    boxes: FloatArray,
     between: IntArray,
     bounds: FloatArray,
     pieces: FloatArray,
@@ -234,7 +221,7 @@ def _hidden_pieces(
     """Write the pieces of a chord that boxes hide, (boxes, 2), disjoint and in order; return how many."""
     count = 0
     for box in between:
-        begin, end = _shadow(point, chord, lower[box], upper[box], bounds)
+        begin, end = _shadow(point, chord, boxes[box], bounds)
         if not begin < end:
             continue
         at = count
@@ -258,32 +245,31 @@ def write_factors(
     facets: FloatArray,
     middles: FloatArray,
     normals: FloatArray,
+    boxes: FloatArray,
     radius: float,
     chords: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
     room: tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray],
     factors: FloatArray,
 ) -> None:
     """Write the view factor of each facet of each element, (N, M).
 
-    Facets and normals are (N, M, 3), middles (N, 3), the chords of the disc (C, 3) as :class:`DiscChords` has them,
-    corners of boxes (B, 3); ``room`` for work is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
+    Facets and normals are (N, M, 3), middles (N, 3), the chords of the disc (C, 3) as :class:`DiscChords` has them;
+    ``room`` for work is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
     """
-    bounds, pieces, counts, boxes, facing, totals = room
+    bounds, pieces, counts, numbers, facing, totals = room
     for n in range(len(facets)):
         seen = False
         for m in range(facets.shape[1]):
             factors[n, m] = _unhidden(facets[n, m], normals[n, m], radius)
             seen = seen or factors[n, m] > 0.0
         x, y, z = middles[n]
-        near = _boxes_between((x, y, z), radius, lower, upper, boxes) if seen and z > 0.0 else 0
+        near = _boxes_between((x, y, z), radius, boxes, numbers) if seen and z > 0.0 else 0
         if near == 0:
             continue
-        found, between = 0, boxes[:near]
+        found, between = 0, numbers[:near]
         for c in range(len(chords)):
             chord = (-_WAY_Y * chords[c, 0], _WAY_X * chords[c, 0], _WAY_X, _WAY_Y, chords[c, 1])
-            counts[c] = _hidden_pieces((x, y, z), chord, lower, upper, between, bounds, pieces[c])
+            counts[c] = _hidden_pieces((x, y, z), chord, boxes, between, bounds, pieces[c])
             found += counts[c]
         if found == 0:
             continue
