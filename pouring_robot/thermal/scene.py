@@ -25,13 +25,13 @@ from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.parts import TemperatureField
-from pouring_robot.thermal.network.transient import TransientOptions
+from pouring_robot.thermal.network.transient import SOLVER
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 
 _LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.65, 0.10))
 _HEAT, _MELT, _AFTER = "heat", "melt_degC", "after_min"
-_ROUGHLY = TransientOptions(relative_tolerance=1e-3, absolute_tolerance_K=0.1)
+_ROUGHLY = {**SOLVER, "rtol": 1e-3, "atol": 0.1}
 _LONGEST_MIN, _COOLEST, _HOTTEST = 240.0, 1200.0, 1750.0
 
 
@@ -191,4 +191,4 @@ class PouringBench(RobotBench):
         self._network = heated.network
         if wish.settled:
             return heated.locate(pose).location
-        return WarmRobot(robot, heated.expansion(heated.field(pose, options=_ROUGHLY)), pose).locate(pose)
+        return WarmRobot(robot, heated.expansion(heated.field(pose, solver=_ROUGHLY)), pose).locate(pose)

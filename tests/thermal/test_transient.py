@@ -12,7 +12,7 @@ from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
-from pouring_robot.thermal.network.transient import TransientOptions, integrate, simulate
+from pouring_robot.thermal.network.transient import SOLVER, integrate, simulate
 from tests.support import unbalanced
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
@@ -26,7 +26,7 @@ def test_a_lump_cools_exponentially(method):
     history = HeatHistory.constant(20.0, 20.0, 2000.0)
     times = np.linspace(0.0, 2000.0, 9)
     start = np.array([793.15])
-    reported, _ = integrate(circuit, history, (0.0, 2000.0), start, times, TransientOptions(method))
+    reported, _ = integrate(circuit, history, (0.0, 2000.0), start, times, SOLVER | {"method": method})
     expected = 293.15 + 500.0 * np.exp(-times / 500.0)
     assert np.array(reported)[:, 0] == pytest.approx(expected, abs=5e-3)
 
@@ -34,9 +34,7 @@ def test_a_lump_cools_exponentially(method):
 def test_a_lump_follows_a_ramp():
     circuit = Circuit(np.zeros((1, 1)), np.zeros(1), np.array([2.0]), np.zeros(1), np.zeros(1), np.array([1000.0]))
     history = HeatHistory(np.array([0.0, 5000.0]), np.array([20.0, 20.0]), np.array([20.0, 520.0]))
-    reported, last = integrate(
-        circuit, history, (0.0, 5000.0), np.array([293.15]), np.array([5000.0]), TransientOptions()
-    )
+    reported, last = integrate(circuit, history, (0.0, 5000.0), np.array([293.15]), np.array([5000.0]))
     expected = 293.15 + 0.1 * (5000.0 - 500.0 * (1.0 - np.exp(-10.0)))
     assert last[0] == pytest.approx(expected, abs=5e-3)
     assert len(reported) == 1
@@ -63,7 +61,7 @@ def test_what_memory_held_before_raises_no_warning(network, monkeypatch):
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_settles_to_steady(network, method):
-    result = simulate(network, HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, options=TransientOptions(method))
+    result = simulate(network, HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, solver=SOLVER | {"method": method})
     steady = network.steady(POSE, 1700.0, 20.0)
     assert np.abs(result[-1].temperatures_K - steady.temperatures_K).max() < 1e-3
     assert unbalanced(result[-1].balance) < 1e-5
@@ -99,7 +97,7 @@ def test_both_solvers_agree_through_history_and_poses(network):
     )
     poses = [(0.0, POSE), (2000.0, OTHER), (5000.0, POSE)]
     bdf, radau = (
-        simulate(network, history, poses, times_s=np.arange(0.0, 7201.0, 600.0), options=TransientOptions(method))
+        simulate(network, history, poses, times_s=np.arange(0.0, 7201.0, 600.0), solver=SOLVER | {"method": method})
         for method in ("BDF", "Radau")
     )
     for one, other in zip(bdf, radau, strict=True):

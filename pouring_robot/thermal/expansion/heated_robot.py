@@ -16,7 +16,7 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +42,7 @@ from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperature
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import TemperatureField
-from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
+from pouring_robot.thermal.network.transient import SOLVER, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -192,7 +192,7 @@ class HeatedRobot:
         return 60.0 * self.heat.after_min if self.heat and self.heat.after_min else None
 
     def field(
-        self, pose: Placed, near: TemperatureField | None = None, options: TransientOptions = DEFAULT_OPTIONS
+        self, pose: Placed, near: TemperatureField | None = None, solver: Mapping[str, Any] = SOLVER
     ) -> TemperatureField | None:
         """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's."""
         if self.heat is None:
@@ -200,7 +200,7 @@ class HeatedRobot:
         if self.after_s is None:
             return self.network.steady(pose, *self.temperatures_degC, near)
         history = HeatHistory.constant(*self.temperatures_degC, self.after_s)
-        return simulate(self.network, history, pose, options=options)[-1]
+        return simulate(self.network, history, pose, solver=solver)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
         """Return how warm the truss is over the robot in a state; None for a cold robot."""

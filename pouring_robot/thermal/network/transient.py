@@ -7,9 +7,8 @@ everything is smooth.
 """
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -23,17 +22,8 @@ from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.parts import TemperatureField
 
-
-@dataclass(frozen=True)
-class TransientOptions:
-    """How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances are per step."""
-
-    method: Literal["BDF", "Radau"] = "BDF"
-    relative_tolerance: float = 1e-6
-    absolute_tolerance_K: float = 1e-4
-
-
-DEFAULT_OPTIONS = TransientOptions()
+SOLVER: dict[str, Any] = {"method": "BDF", "rtol": 1e-6, "atol": 1e-4}
+"""How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances, here in K, are per step."""
 
 
 @one_blas_thread()
@@ -44,7 +34,7 @@ def simulate(
     *,
     start: TemperatureField | None = None,
     times_s: FloatArray | None = None,
-    options: TransientOptions = DEFAULT_OPTIONS,
+    solver: Mapping[str, Any] = SOLVER,
 ) -> tuple[TemperatureField, ...]:
     """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
 
@@ -76,7 +66,7 @@ def simulate(
         # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
         inside = wanted[(wanted >= begin) & ((wanted < end) | (end == edges[-1]))]
         circuit = network.circuit(schedule.at(float(begin)))
-        reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, options)
+        reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, solver)
         states += reported
     return tuple(
         network.field(schedule.at(float(time)), values, *history.at(float(time)))
@@ -90,7 +80,7 @@ def integrate(
     span_s: tuple[float, float],
     state: FloatArray,
     times_s: FloatArray,
-    options: TransientOptions = DEFAULT_OPTIONS,
+    solver: Mapping[str, Any] = SOLVER,
 ) -> tuple[list[FloatArray], FloatArray]:
     """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
 
@@ -107,10 +97,9 @@ def integrate(
         return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
 
     report = np.append(times_s[times_s < span_s[1]], span_s[1])
-    how = {"method": options.method, "rtol": options.relative_tolerance, "atol": options.absolute_tolerance_K}
     with np.errstate(over="ignore", invalid="ignore"):  # BDF also takes differences of memory that it never reads
-        solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **how)
+        solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **solver)
     if not solution.success:
-        raise ThermalSolutionError(f"{options.method} gives up at {solution.t[-1]:g} s: {solution.message}")
+        raise ThermalSolutionError(f"{solver['method']} gives up at {solution.t[-1]:g} s: {solution.message}")
     states = [np.array(column) for column in solution.y.T]
     return states if times_s.size == report.size else states[:-1], states[-1]
