@@ -6,36 +6,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import opt, results_folder
 from pouring_robot.cli.shared.tables import print_blocks
 
 if TYPE_CHECKING:
     from pouring_robot.calibration.calibrate import Calibration
 
-OutFolder = Annotated[
-    Path, options.results_folder("calibrated.yaml", "calibration.json", "report.html", what="URDF with meshes")
-]
-Parameters = Annotated[
-    list[str] | None,
-    options.opt(
-        "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; may "
-        "be given more than once. Each group is kept only where it helps held-out rows.",
-        metavar="SET",
-    ),
-]
-LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("How outliers count.")]
-KeepAll = Annotated[bool, options.opt("Keep all parameters, whether or not they help.", "--keep-all")]
-
 
 def calibrate(
     campaign: options.CampaignFile,
-    out: OutFolder,
+    out: Annotated[Path, results_folder("calibrated.yaml", "calibration.json", "report.html", what="URDF with meshes")],
     model: options.ModelFile = None,
     robot: options.RobotFile = None,
-    parameters: Parameters = None,
+    parameters: Annotated[
+        list[str] | None,
+        opt(
+            "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; "
+            "may be given more than once. Each group is kept only where it helps held-out rows.",
+            metavar="SET",
+        ),
+    ] = None,
     tolerances: options.TolerancesFile = None,
     hold_out: options.HoldOutBy = "auto",
-    loss: LossName = "huber",
-    keep_all: KeepAll = False,
+    loss: Annotated[Literal["huber", "soft_l1", "linear"], opt("How outliers count.")] = "huber",
+    keep_all: Annotated[bool, opt("Keep all parameters, whether or not they help.", "--keep-all")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Identify the robot as built from a measurement campaign, and write its model file, URDF and report."""

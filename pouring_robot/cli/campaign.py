@@ -8,49 +8,43 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import Pair, Point, opt, reads, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
 
 _COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
+_ORIGIN = (0.0, 0.0, 0.0)
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 Frame = tuple[float, float, float, float, float, float]
 
 
 def plan(
     *,
-    out: Annotated[Path, options.writes_csv("Plan to write; 'campaign simulate' reads it.")],
-    poses: Annotated[int, options.opt("How many poses.", metavar="N")] = 30,
+    out: Annotated[Path, writes_csv("Plan to write; 'campaign simulate' reads it.")],
+    poses: Annotated[int, opt("How many poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,
-        options.opt(
+        opt(
             "What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
             "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
             metavar="PATTERN",
         ),
     ] = None,
-    criterion: Annotated[str, options.opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
+    criterion: Annotated[str, opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
     which: bundles.Which,
-    sigma_mm: Annotated[float, options.opt("Noise of a measured coordinate.")] = 0.05,
-    sigma_mrad: Annotated[float | None, options.opt("Noise of a rotation component (default: 0.05).")] = None,
-    position_only: Annotated[bool, options.opt("No rotations will be measured.", "--position-only")] = False,
-    target_mm: Annotated[
-        tuple[float, float, float], options.opt("About where the target sits on the moving platform.", metavar="X Y Z")
-    ] = (0.0, 0.0, 0.0),
-    priors: Annotated[bool, options.opt("Tolerances count as known beforehand.", "--priors")] = False,
+    sigma_mm: Annotated[float, opt("Noise of a measured coordinate.")] = 0.05,
+    sigma_mrad: Annotated[float | None, opt("Noise of a rotation component (default: 0.05).")] = None,
+    position_only: Annotated[bool, opt("No rotations will be measured.", "--position-only")] = False,
+    target_mm: Annotated[Point, opt("About where the target sits on the moving platform.", metavar="X Y Z")] = _ORIGIN,
+    priors: Annotated[bool, opt("Tolerances count as known beforehand.", "--priors")] = False,
     tolerances: options.TolerancesFile = None,
-    both_sides: Annotated[int, options.opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
-    loads: Annotated[
-        tuple[float, float] | None, options.opt("Melt in kg to choose from: finds how the drives yield.", metavar="A B")
-    ] = None,
-    temperatures: Annotated[
-        tuple[float, float] | None, options.opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")
-    ] = None,
-    reduce: Annotated[
-        bool, options.opt("Leave out parameters that measurements cannot tell from others.", "--reduce")
-    ] = False,
-    candidates: Annotated[int, options.opt("About how many poses to choose from.")] = 2000,
-    starts: Annotated[int, options.opt("How many random plans the search starts from.")] = 4,
-    seed: Annotated[int, options.opt("Seed of everything random.")] = 0,
+    both_sides: Annotated[int, opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
+    loads: Annotated[Pair, opt("Melt in kg to choose from: finds how the drives yield.", metavar="A B")] = None,
+    temperatures: Annotated[Pair, opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")] = None,
+    reduce: Annotated[bool, opt("Leave out parameters that measurements cannot tell from others.", "--reduce")] = False,
+    candidates: Annotated[int, opt("About how many poses to choose from.")] = 2000,
+    starts: Annotated[int, opt("How many random plans the search starts from.")] = 4,
+    seed: Annotated[int, opt("Seed of everything random.")] = 0,
     png: options.PngFile = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -202,26 +196,26 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
 
 
 def _seen(what: str) -> Any:
-    return options.opt(f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
+    return opt(f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
 
 
 def simulate(
     *,
-    out: Annotated[Path, options.writes("Table to write, .csv or .parquet; YAML beside.")],
-    plan: Annotated[Path | None, options.reads("Poses as 'path' reads them, and any condition columns.")] = None,
-    random: Annotated[int | None, options.opt("N poses all over the workspace.", metavar="N")] = None,
-    seed: Annotated[int, options.opt("Seed of everything random.", min=0)] = 0,
+    out: Annotated[Path, writes("Table to write, .csv or .parquet; YAML beside.")],
+    plan: Annotated[Path | None, reads("Poses as 'path' reads them, and any condition columns.")] = None,
+    random: Annotated[int | None, opt("N poses all over the workspace.", metavar="N")] = None,
+    seed: Annotated[int, opt("Seed of everything random.", min=0)] = 0,
     which: bundles.Which,
     under: bundles.Under,
-    noise_mm: Annotated[float, options.opt("Noise of a coordinate.")] = 0.05,
-    noise_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
-    position_only: Annotated[bool, options.opt("Measure no rotations.", "--position-only")] = False,
-    outliers: Annotated[int, options.opt("Rows with a gross error.", metavar="N", min=0)] = 0,
-    outlier_mm: Annotated[float, options.opt("Size of a gross error.")] = 5.0,
-    lost: Annotated[float, options.opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
+    noise_mm: Annotated[float, opt("Noise of a coordinate.")] = 0.05,
+    noise_mrad: Annotated[float, opt("Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, opt("Measure no rotations.", "--position-only")] = False,
+    outliers: Annotated[int, opt("Rows with a gross error.", metavar="N", min=0)] = 0,
+    outlier_mm: Annotated[float, opt("Size of a gross error.")] = 5.0,
+    lost: Annotated[float, opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
     tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
     target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
-    truth: Annotated[Path | None, options.writes("Write what was hidden (frames, outliers) as JSON.")] = None,
+    truth: Annotated[Path | None, writes("Write what was hidden (frames, outliers) as JSON.")] = None,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.metadata import check_table_name

@@ -6,47 +6,41 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import opt, results_folder
 from pouring_robot.cli.shared.tables import print_lines, print_table
 from pouring_robot.exceptions import DiagnosisError
 
 if TYPE_CHECKING:
     from pouring_robot.diagnosis.diagnose import Diagnosis
 
-OutFolder = Annotated[
-    Path, options.results_folder("diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv")
-]
-Exclude = Annotated[
-    list[str] | None,
-    options.opt("An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
-]
-FalseNames = Annotated[
-    float,
-    options.opt(
-        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
-    ),
-]
-MadeWithin = Annotated[
-    float | None,
-    options.opt(
-        "Joints are known to be made within this: mm, and mrad of their axes, standard deviations (default: found).",
-        metavar="MM",
-    ),
-]
-NextCount = Annotated[
-    int, options.opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
-]
-
 
 def diagnose(
     campaign: options.CampaignFile,
-    out: OutFolder,
+    out: Annotated[Path, results_folder("diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv")],
     model: options.ModelFile = None,
     robot: options.RobotFile = None,
-    exclude: Exclude = None,
+    exclude: Annotated[
+        list[str] | None,
+        opt("An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
+    ] = None,
     hold_out: options.HoldOutBy = "auto",
-    false_names: FalseNames = 0.01,
-    made_within: MadeWithin = None,
-    next_count: NextCount = 10,
+    false_names: Annotated[
+        float,
+        opt(
+            "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
+        ),
+    ] = 0.01,
+    made_within: Annotated[
+        float | None,
+        opt(
+            "Joints are known to be made within this: mm, and mrad of their axes, standard deviations "
+            "(default: found).",
+            metavar="MM",
+        ),
+    ] = None,
+    next_count: Annotated[
+        int, opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
+    ] = 10,
     as_json: options.AsJson = False,
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""

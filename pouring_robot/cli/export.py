@@ -4,22 +4,20 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pouring_robot.cli.shared import bundles, options
+from pouring_robot.cli.shared.options import opt, results_folder
 from pouring_robot.exceptions import BadInputError
-
-OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
-Form = Annotated[
-    Literal["urdf", "mjcf", "sdf", "drake"],
-    options.opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
-]
 
 
 def export(
     *,
-    out: OutFolder,
-    form: Form = "urdf",
+    out: Annotated[Path, results_folder(what="the description and its meshes")],
+    form: Annotated[
+        Literal["urdf", "mjcf", "sdf", "drake"],
+        opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
+    ] = "urdf",
     commanded: bundles.Commanded,
-    zero_here: Annotated[bool, options.opt("URDF: count all joints from this pose.", "--zero-here")] = False,
-    absolute_meshes: Annotated[bool, options.opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
+    zero_here: Annotated[bool, opt("URDF: count all joints from this pose.", "--zero-here")] = False,
+    absolute_meshes: Annotated[bool, opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
     which: bundles.Which,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.

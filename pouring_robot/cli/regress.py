@@ -4,38 +4,32 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.options import argument, opt, reads, writes
 from pouring_robot.cli.shared.tables import print_blocks
-
-TableFile = Annotated[
-    Path,
-    options.argument(
-        "TABLE.csv", "A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …"
-    ),
-]
-PosesFile = Annotated[
-    Path | None,
-    options.reads("Where: columns set, x_mm y_mm z_mm tilt_deg (or, for the report, drives of any robot).", "FILE.csv"),
-]
-Method = Annotated[
-    Literal["none", "paper", "components", "mean", "pose"] | None,
-    options.opt("What goes into the file (default: what leaves least of sets left out)."),
-]
-Similarity = Literal["absolute", "shifted"]
 
 
 def regress(
-    table: TableFile,
-    poses: PosesFile = None,
-    axis: Annotated[
-        Literal["x", "y", "z"] | None, options.opt("Direction of P1_mm …; of P1_x_mm …, the only one wanted.")
+    table: Annotated[
+        Path,
+        argument("TABLE.csv", "A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …"),
+    ],
+    poses: Annotated[
+        Path | None,
+        reads("Where: columns set, x_mm y_mm z_mm tilt_deg (or, for the report, drives of any robot).", "FILE.csv"),
     ] = None,
-    method: Method = None,
-    groups: Annotated[int, options.opt("Groups that the clustering cuts.", min=1)] = 2,
-    cut: Annotated[float | None, options.opt("Cut there instead.", "--lambda", metavar="L")] = None,
+    axis: Annotated[
+        Literal["x", "y", "z"] | None, opt("Direction of P1_mm …; of P1_x_mm …, the only one wanted.")
+    ] = None,
+    method: Annotated[
+        Literal["none", "paper", "components", "mean", "pose"] | None,
+        opt("What goes into the file (default: what leaves least of sets left out)."),
+    ] = None,
+    groups: Annotated[int, opt("Groups that the clustering cuts.", min=1)] = 2,
+    cut: Annotated[float | None, opt("Cut there instead.", "--lambda", metavar="L")] = None,
     similarity: Annotated[
-        Similarity, options.opt("Whether sets of opposite sign are alike (absolute) or not.")
+        Literal["absolute", "shifted"], opt("Whether sets of opposite sign are alike (absolute) or not.")
     ] = "absolute",
-    out: Annotated[Path | None, options.writes("Write a thermal-model file.", "FILE.yaml")] = None,
+    out: Annotated[Path | None, writes("Write a thermal-model file.", "FILE.yaml")] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:

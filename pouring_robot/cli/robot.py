@@ -11,19 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pouring_robot.cli.shared import bundles, options
+from pouring_robot.cli.shared.options import Pair, argument, opt, results_folder, writes
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 
 if TYPE_CHECKING:
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.pouring.new_layout import NewLayout
 
-Urdf = Annotated[Path, options.argument("URDF", "The robot's URDF, or a xacro.")]
-Out = Annotated[Path | None, options.writes("Where to write it (default: robot.yaml beside the URDF).")]
 
 _OWN = ("layouts.yaml", "model.yaml", "robot.html")
 
 
-def init(urdf: Urdf, out: Out = None) -> None:
+def init(
+    urdf: Annotated[Path, argument("URDF", "The robot's URDF, or a xacro.")],
+    out: Annotated[Path | None, writes("Where to write it (default: robot.yaml beside the URDF).")] = None,
+) -> None:
     """Write a first robot file for a URDF, with comments on what to fill in.
 
     What a Gepetto robot.yaml beside it closes is taken over; the file is then called robot_file.yaml.
@@ -42,30 +44,30 @@ def init(urdf: Urdf, out: Out = None) -> None:
 
 
 def _two(help_: str) -> Any:
-    return options.opt(help_, metavar="A B", show_default=False)
+    return opt(help_, metavar="A B", show_default=False)
 
 
 @dataclass(frozen=True)
 class Sizes:
     """What is known of a new machine."""
 
-    name: Annotated[str | None, options.opt("What the layout is called.", show_default=False)] = None
-    fixed_mm: Annotated[tuple[float, float] | None, _two("Upper U joints apart, along x and y.")] = None
-    moving_mm: Annotated[tuple[float, float] | None, _two("Lower U joints apart, along x and y.")] = None
-    x_mm: Annotated[tuple[float, float] | None, _two("Workspace of the moving platform along x.")] = None
-    y_mm: Annotated[tuple[float, float] | None, _two("Along y.")] = None
-    z_mm: Annotated[tuple[float, float] | None, _two("Along z: below the fixed platform is negative.")] = None
-    tilt_deg: Annotated[tuple[float, float] | None, _two("Least and largest tilt.")] = None
-    stroke_mm: Annotated[tuple[float, float] | None, _two("Shortest and longest leg (default: as needed).")] = None
-    payload_kg: Annotated[float | None, options.opt("Largest mass of melt.", show_default=False)] = None
-    tare_kg: Annotated[float | None, options.opt("Mass of the empty ladle.", show_default=False)] = None
+    name: Annotated[str | None, opt("What the layout is called.", show_default=False)] = None
+    fixed_mm: Annotated[Pair, _two("Upper U joints apart, along x and y.")] = None
+    moving_mm: Annotated[Pair, _two("Lower U joints apart, along x and y.")] = None
+    x_mm: Annotated[Pair, _two("Workspace of the moving platform along x.")] = None
+    y_mm: Annotated[Pair, _two("Along y.")] = None
+    z_mm: Annotated[Pair, _two("Along z: below the fixed platform is negative.")] = None
+    tilt_deg: Annotated[Pair, _two("Least and largest tilt.")] = None
+    stroke_mm: Annotated[Pair, _two("Shortest and longest leg (default: as needed).")] = None
+    payload_kg: Annotated[float | None, opt("Largest mass of melt.", show_default=False)] = None
+    tare_kg: Annotated[float | None, opt("Mass of the empty ladle.", show_default=False)] = None
 
 
 def new(
     *,
-    out: Annotated[Path, options.results_folder(*_OWN)] = Path("my_robot"),
+    out: Annotated[Path, results_folder(*_OWN)] = Path("my_robot"),
     sizes: Sizes,
-    yes: Annotated[bool, options.opt("Ask nothing: what is not said is as the paper's robot has it.", "--yes")] = False,
+    yes: Annotated[bool, opt("Ask nothing: what is not said is as the paper's robot has it.", "--yes")] = False,
     png: options.PngFile = None,
 ) -> None:
     """Describe a 4-UPU machine of your own: asks for its sizes, writes its files, checks its workspace, draws it.

@@ -4,33 +4,30 @@ from pathlib import Path
 from typing import Annotated
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import Pair, opt, results_folder
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import counted
 
-Limits = tuple[float, float] | None
-OutFolder = Annotated[
-    Path | None, options.results_folder("sensitivity.csv", "sensitivity.json", "report.html", what="pictures")
-]
 _SHOWN, _PARTS_SHOWN = 25, 6
 
 
 def sensitivity(
     *,
     which: bundles.Which,
-    poses: Annotated[int, options.opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
-    seed: Annotated[int, options.opt("Seed of their drawing.", min=0)] = 2022,
-    length_mm: Annotated[float, options.opt("Size of every length error.")] = 0.2,
-    angle_mrad: Annotated[float, options.opt("Size of every angle error.")] = 4.0,
-    limit_mm: Annotated[float, options.opt("Errors beyond it are those to control.")] = 1.0,
-    x_mm: Annotated[Limits, options.opt("Range of x.", metavar="LOW HIGH")] = None,
-    y_mm: Annotated[Limits, options.opt("Range of y.", metavar="LOW HIGH")] = None,
-    z_mm: Annotated[Limits, options.opt("Range of z.", metavar="LOW HIGH")] = None,
-    tilt_deg: Annotated[Limits, options.opt("Range of the tilt.", metavar="LOW HIGH")] = None,
-    parameters: Annotated[
-        list[str] | None, options.opt("Set, group, name or pattern; repeatable.", metavar="NAME")
+    poses: Annotated[int, opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
+    seed: Annotated[int, opt("Seed of their drawing.", min=0)] = 2022,
+    length_mm: Annotated[float, opt("Size of every length error.")] = 0.2,
+    angle_mrad: Annotated[float, opt("Size of every angle error.")] = 4.0,
+    limit_mm: Annotated[float, opt("Errors beyond it are those to control.")] = 1.0,
+    x_mm: Annotated[Pair, opt("Range of x.", metavar="LOW HIGH")] = None,
+    y_mm: Annotated[Pair, opt("Range of y.", metavar="LOW HIGH")] = None,
+    z_mm: Annotated[Pair, opt("Range of z.", metavar="LOW HIGH")] = None,
+    tilt_deg: Annotated[Pair, opt("Range of the tilt.", metavar="LOW HIGH")] = None,
+    parameters: Annotated[list[str] | None, opt("Set, group, name or pattern; repeatable.", metavar="NAME")] = None,
+    frame: Annotated[str | None, opt("Whose displacement counts.", metavar="NAME")] = None,
+    out: Annotated[
+        Path | None, results_folder("sensitivity.csv", "sensitivity.json", "report.html", what="pictures")
     ] = None,
-    frame: Annotated[str | None, options.opt("Whose displacement counts.", metavar="NAME")] = None,
-    out: OutFolder = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say what each geometric error of the drawing does alone: in the closed robot and in the paper's open branch.
@@ -42,7 +39,7 @@ def sensitivity(
     from pouring_robot.sensitivity.analysis import sensitivity as studied
     from pouring_robot.sensitivity.report import Request
 
-    def scaled(limits: Limits, unit: float) -> tuple[float, float] | None:
+    def scaled(limits: Pair, unit: float) -> tuple[float, float] | None:
         return None if limits is None else (limits[0] * unit, limits[1] * unit)
 
     request = Request(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared.options import argument, opt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, NoSolutionError, StoppedError
 
@@ -18,12 +19,12 @@ _SHOWN = 15
 
 
 def sweep(
-    config: Annotated[Path, options.argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
-    out: Annotated[Path, options.opt("Folder for the results; made if it is absent.", metavar="DIR")],
-    resume: Annotated[bool, options.opt("Go on with a sweep that was stopped.", "--resume")] = False,
-    overwrite: Annotated[bool, options.opt("Begin anew in place of a sweep that is there.", "--overwrite")] = False,
-    workers: Annotated[int, options.opt("Processes on this machine (default: this one).", metavar="N", min=0)] = 0,
-    scheduler: Annotated[str | None, options.opt("Compute on this Dask cluster instead.", metavar="ADDRESS")] = None,
+    config: Annotated[Path, argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
+    out: Annotated[Path, opt("Folder for the results; made if it is absent.", metavar="DIR")],
+    resume: Annotated[bool, opt("Go on with a sweep that was stopped.", "--resume")] = False,
+    overwrite: Annotated[bool, opt("Begin anew in place of a sweep that is there.", "--overwrite")] = False,
+    workers: Annotated[int, opt("Processes on this machine (default: this one).", metavar="N", min=0)] = 0,
+    scheduler: Annotated[str | None, opt("Compute on this Dask cluster instead.", metavar="ADDRESS")] = None,
     robot: options.RobotFile = None,
     as_json: options.AsJson = False,
 ) -> None:

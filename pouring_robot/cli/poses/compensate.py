@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import argument, opt, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_rows
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFrameError
 
@@ -28,20 +29,18 @@ class Asked:
     """What shall be right, where, and what becomes of the answer."""
 
     poses: Annotated[
-        Path | None, options.argument("POSES.csv", "Wanted poses, as 'path' reads them. Or --at-mm, or --drives.")
+        Path | None, argument("POSES.csv", "Wanted poses, as 'path' reads them. Or --at-mm, or --drives.")
     ] = None
     frame: Annotated[
         str | None,
-        options.opt(
+        opt(
             "What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
             metavar="NAME",
         ),
     ] = None
-    out: Annotated[Path | None, options.writes_csv("Write the commands, one row a pose.")] = None
+    out: Annotated[Path | None, writes_csv("Write the commands, one row a pose.")] = None
     at_once: options.AtOnce = False
-    header: Annotated[
-        Path | None, options.writes("Write a C function that compensates, in place of poses.", "FILE.h")
-    ] = None
+    header: Annotated[Path | None, writes("Write a C function that compensates, in place of poses.", "FILE.h")] = None
     as_json: options.AsJson = False
 
 

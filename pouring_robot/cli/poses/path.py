@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import argument, writes_csv
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 
 if TYPE_CHECKING:
@@ -14,22 +15,21 @@ if TYPE_CHECKING:
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.robot import Command, Robot
 
-PosesFile = Annotated[
-    Path,
-    options.argument(
-        "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz."
-    ),
-]
 Row = dict[str, Any]
 
 
 def path(
     *,
-    poses: PosesFile,
+    poses: Annotated[
+        Path,
+        argument(
+            "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz."
+        ),
+    ],
     which: bundles.Which,
     under: bundles.Under,
     as_json: options.AsJson = False,
-    out: Annotated[Path | None, options.writes_csv("Write the table.")] = None,
+    out: Annotated[Path | None, writes_csv("Write the table.")] = None,
     drawing: bundles.Drawing,
     at_once: options.AtOnce = False,
     heat: bundles.Heat,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import opt, reads, writes, writes_csv
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
@@ -18,14 +19,6 @@ if TYPE_CHECKING:
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _MOST_ROWS, _DRAWN = 2000, 121
-History = Annotated[
-    Path | None,
-    options.reads(
-        "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
-        "where the pose changes.",
-        "FILE.csv",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -33,19 +26,13 @@ class Moved:
     """What moves every part."""
 
     under: Annotated[
-        Literal["heat", "weight", "both"] | None,
-        options.opt("Say how far every part moves: truss, platforms, legs, ladle."),
+        Literal["heat", "weight", "both"] | None, opt("Say how far every part moves: truss, platforms, legs, ladle.")
     ] = None
-    payload_kg: Annotated[float | None, options.opt("Melt for --under (default: the layout's largest).", min=0.0)] = (
-        None
-    )
+    payload_kg: Annotated[float | None, opt("Melt for --under (default: the layout's largest).", min=0.0)] = None
     ladle_degC: Annotated[
-        float | None,
-        options.opt("Ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC),
+        float | None, opt("Ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC)
     ] = None
-    stiffness: Annotated[
-        Path | None, options.reads("Stiffness of the parts for --under (default: the shipped file).")
-    ] = None
+    stiffness: Annotated[Path | None, reads("Stiffness of the parts for --under (default: the shipped file).")] = None
 
     def check(self) -> None:
         """Refuse what does not belong to what is asked, and what is no load and no temperature."""
@@ -97,21 +84,24 @@ def thermal(
     *,
     at_mm: options.AtMm = None,
     tilt_deg: options.TiltDeg = None,
-    history: History = None,
-    every_min: Annotated[
-        float | None, options.opt("Rows of a shift (default: those of its file).", metavar="MIN")
+    history: Annotated[
+        Path | None,
+        reads(
+            "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
+            "where the pose changes.",
+            "FILE.csv",
+        ),
     ] = None,
+    every_min: Annotated[float | None, opt("Rows of a shift (default: those of its file).", metavar="MIN")] = None,
     which: bundles.Which,
     melt: bundles.Melt,
     conduction_only: Annotated[
-        bool, options.opt("Leave radiation out, as the paper's first analysis does.", "--conduction-only")
+        bool, opt("Leave radiation out, as the paper's first analysis does.", "--conduction-only")
     ] = False,
-    csv: Annotated[Path | None, options.writes_csv("Write every element, or every row of a shift.")] = None,
+    csv: Annotated[Path | None, writes_csv("Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     moved: Moved,
-    html: Annotated[
-        Path | None, options.writes("Write a page: the shift, to play, or parts coloured by --under.")
-    ] = None,
+    html: Annotated[Path | None, writes("Write a page: the shift, to play, or parts coloured by --under.")] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.options import opt, reads
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
@@ -22,11 +23,11 @@ def view(
     commanded: bundles.Commanded,
     which: bundles.Which,
     under: bundles.Under,
-    path: Annotated[Path | None, options.reads("Play the poses of a table.", "POSES.csv")] = None,
-    campaign: Annotated[Path | None, options.reads("Step through the rows of a campaign.")] = None,
+    path: Annotated[Path | None, reads("Play the poses of a table.", "POSES.csv")] = None,
+    campaign: Annotated[Path | None, reads("Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
-    port: Annotated[int, options.opt("TCP port on the loopback address; 0 takes a free one.")] = 0,
-    browser: Annotated[bool, options.opt("Open the page in the browser.")] = True,
+    port: Annotated[int, opt("TCP port on the loopback address; 0 takes a free one.")] = 0,
+    browser: Annotated[bool, opt("Open the page in the browser.")] = True,
 ) -> None:
     """Move the nominal and the actual robot in the browser by sliders, until Ctrl-C.
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Robot
 
+Pair = tuple[float, float] | None
+Point = tuple[float, float, float]
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
 
@@ -150,13 +152,12 @@ def refuse_present(files: Iterable[Path]) -> None:
 
 
 AtMm = Annotated[
-    tuple[float, float, float] | None,
+    Point | None,
     opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z", callback=_of_size),
 ]
 TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T", callback=_of_size)]
 RotationDeg = Annotated[
-    tuple[float, float, float] | None,
-    opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size),
+    Point | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size)
 ]
 Drives = Annotated[
     str | None,
