@@ -5,11 +5,11 @@ from .expansion.heated_robot import PoseShares as PoseShares
 from .expansion.heated_robot import WarmRobot as WarmRobot
 from .expansion.heated_robot import WarmState as WarmState
 from .network.assembly import ThermalNetwork as ThermalNetwork
+from .network.assembly import simulate as simulate
 from .network.history import HeatHistory as HeatHistory
 from .network.history import PoseSchedule as PoseSchedule
 from .network.history import read_shift as read_shift
 from .network.parts import TemperatureField as TemperatureField
-from .network.transient import simulate as simulate
 from .report import PoseHeat as PoseHeat
 from .report import ShiftHeat as ShiftHeat
 from .report import heated_drawing as heated_drawing

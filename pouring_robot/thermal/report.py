@@ -23,10 +23,9 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.parts import TemperatureField
-from pouring_robot.thermal.network.transient import simulate
 
 
 def part_figures(

@@ -39,10 +39,10 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command
 from pouring_robot.thermal.expansion.growth import ThermalExpansion, growth_of_drives
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
+from pouring_robot.thermal.network.circuit import SOLVER
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import TemperatureField
-from pouring_robot.thermal.network.transient import SOLVER, simulate
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,20 +8,23 @@ to the surroundings by convection and re-radiation.
 
 import copy
 import functools
-from typing import Self
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, HistoryError
 from pouring_robot.io.temperatures import kelvin
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.network.circuit import Circuit, steady_temperatures
+from pouring_robot.thermal.network.circuit import SOLVER, Circuit, integrate, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
-from pouring_robot.thermal.network.history import Placed
+from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.parts import Bodies, TemperatureField, radiation_conductances
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
@@ -170,3 +173,52 @@ class ThermalNetwork:
         faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
         factors = hidden_view_factors(faces, middles, normals, self._disc, self.bodies.in_the_way_m)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
+
+
+@one_blas_thread()
+def simulate(
+    network: ThermalNetwork,
+    history: HeatHistory,
+    poses: Placed | PoseSchedule | Sequence[tuple[float, Placed]],
+    *,
+    start: TemperatureField | None = None,
+    times_s: FloatArray | None = None,
+    solver: Mapping[str, Any] = SOLVER,
+) -> tuple[TemperatureField, ...]:
+    """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
+
+    ``poses``: one pose held throughout, or entries of time and pose; ``start``: temperatures at the start, by default
+    all is as warm as the surroundings; ``times_s``: increasing, within the history, by default its entries. Integration
+    restarts where the pose or the slope of a temperature changes; between these points everything is smooth.
+
+    Raises:
+        HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
+        ThermalSolutionError: the integrator gives up.
+    """
+    schedule = PoseSchedule.of(poses, history.start_s)
+    for row, (time, _) in enumerate(schedule.entries, start=1):
+        if time > history.end_s:
+            raise HistoryError(f"a pose starts at {time:g} s, after the history's end at {history.end_s:g} s", row)
+    wanted = np.array(history.times_s if times_s is None else times_s, dtype=float)
+    if wanted.size == 0 or np.any(np.diff(wanted) <= 0.0):
+        raise HistoryError("the times to report must increase")
+    if wanted[0] < history.start_s or wanted[-1] > history.end_s:
+        span = f"{history.start_s:g} to {history.end_s:g} s"
+        raise HistoryError(f"the times to report, {wanted[0]:g} to {wanted[-1]:g} s, leave the history, {span}")
+    cold = np.full(network.bodies.nodes.count, history.at(history.start_s)[1])
+    state = cold if start is None else start.temperatures_K
+    changes = [time for time, _ in schedule.entries if history.start_s < time < history.end_s]
+    edges = np.unique(np.concatenate([[history.start_s, history.end_s], history.corners_s, changes]))
+    states: list[FloatArray] = []
+    for begin, end in itertools.pairwise(edges):
+        if not np.any(wanted >= begin):
+            break
+        # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
+        inside = wanted[(wanted >= begin) & ((wanted < end) | (end == edges[-1]))]
+        circuit = network.circuit(schedule.at(float(begin)))
+        reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, solver)
+        states += reported
+    return tuple(
+        network.field(schedule.at(float(time)), values, *history.at(float(time)))
+        for time, values in zip(wanted, states, strict=True)
+    )

@@ -7,20 +7,26 @@ Heat flow into node i, in W, with temperatures in K:
 
 K is the Laplacian of the conductances between nodes, R that of radiation between them, which only a hollow body has.
 Without it radiation leaves a node towards melt and surroundings, and the nonlinear part of the Jacobian is diagonal.
+
+In time C_i dT_i/dt = Q_i(T, t). Capacities span four decades (cladding surface to fixed platform) and re-radiation is
+steep, so the system is stiff: SciPy's stiff solvers with the analytic Jacobian.
 """
 
 import functools
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
+from scipy.integrate import solve_ivp
 
 from pouring_robot.exceptions import ThermalSolutionError
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.thermal.network.history import HeatHistory
 
 STEP_TOLERANCE_K = 1e-4
 """Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
@@ -28,6 +34,8 @@ flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with factors kept a hundredth o
 # After a step shorter than this the next takes the factors of the last: they are off by 3/T of it, a hundredth.
 _FACTORS_KEPT_K = 1.0
 _MAX_ITERATIONS = 60
+SOLVER: dict[str, Any] = {"method": "BDF", "rtol": 1e-6, "atol": 1e-4}
+"""How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances, here in K, are per step."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +153,34 @@ def steady_temperatures(
         if longest < STEP_TOLERANCE_K:
             return np.asarray(temperatures)
     raise ThermalSolutionError(f"Newton's steps do not settle in {_MAX_ITERATIONS} iterations")
+
+
+def integrate(
+    circuit: Circuit,
+    history: HeatHistory,
+    span_s: tuple[float, float],
+    state: FloatArray,
+    times_s: FloatArray,
+    solver: Mapping[str, Any] = SOLVER,
+) -> tuple[list[FloatArray], FloatArray]:
+    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
+
+    Raises:
+        ThermalSolutionError: the integrator gives up.
+    """
+    inverse = 1.0 / circuit.capacity
+    scale = scipy.sparse.diags_array(inverse).tocsc()
+
+    def slope(time: float, temperatures: FloatArray) -> FloatArray:
+        return np.asarray(inverse * circuit.heat(temperatures, *history.at(time)))
+
+    def jacobian(_time: float, temperatures: FloatArray) -> scipy.sparse.csc_matrix:
+        return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
+
+    report = np.append(times_s[times_s < span_s[1]], span_s[1])
+    with np.errstate(over="ignore", invalid="ignore"):  # BDF also takes differences of memory that it never reads
+        solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **solver)
+    if not solution.success:
+        raise ThermalSolutionError(f"{solver['method']} gives up at {solution.t[-1]:g} s: {solution.message}")
+    states = [np.array(column) for column in solution.y.T]
+    return states if times_s.size == report.size else states[:-1], states[-1]
