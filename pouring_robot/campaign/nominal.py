@@ -1,8 +1,7 @@
 """Nominal poses of a campaign's commands, and stacks of poses as plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -21,9 +20,9 @@ class PoseStack:
     def __len__(self) -> int:
         return int(self.position_m.shape[0])
 
-    def __getitem__(self, rows: BoolArray | Indices) -> PoseStack:
+    def __getitem__(self, rows: BoolArray | Indices) -> Self:
         """Return the poses of the rows given by indices or a mask."""
-        return PoseStack(self.position_m[rows], self.rotation[rows])
+        return type(self)(self.position_m[rows], self.rotation[rows])
 
     @property
     def complete(self) -> BoolArray:
@@ -31,7 +30,7 @@ class PoseStack:
         complete = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.rotation).all(axis=(1, 2))
         return np.asarray(complete, dtype=np.bool_)
 
-    def difference(self, expected: PoseStack) -> FloatArray:
+    def difference(self, expected: Self) -> FloatArray:
         """Return these poses minus others, (n, 6), in m and rad; NaN where either is missing.
 
         The rotation part is the rotation vector that turns the expected axes into these; both parts in fixed axes.
@@ -39,10 +38,10 @@ class PoseStack:
         turn = rotation_vectors(self.rotation @ np.swapaxes(expected.rotation, 1, 2))
         return np.concatenate([self.position_m - expected.position_m, turn], axis=1)
 
-    def inverse(self) -> PoseStack:
+    def inverse(self) -> Self:
         """Return the inverse of every pose."""
         transposed = np.swapaxes(self.rotation, 1, 2)
-        return PoseStack(-np.einsum("nij,nj->ni", transposed, self.position_m), transposed)
+        return type(self)(-np.einsum("nij,nj->ni", transposed, self.position_m), transposed)
 
 
 def nominal_poses(drawing: Drawing, drives: FloatArray) -> PoseStack:

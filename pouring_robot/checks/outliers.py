@@ -5,8 +5,6 @@ near a singular pose is large. A wrong row is neither. So residuals are looked a
 drive errors that would explain them; from both, what a low-order function of pose and conditions explains is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,13 +1,12 @@
 """The usual mistakes of a campaign's positions and drives, each with what undoes it: units, frames, axes, columns."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -52,9 +51,9 @@ class Comparison:
     rotation_vector_rad: FloatArray | None  # measured, (n, 3); None: none was
     inverted: bool = False  # whether the measured poses are those of the tracker's side seen from the end body's
 
-    def __getitem__(self, rows: Indices) -> Comparison:
+    def __getitem__(self, rows: Indices) -> Self:
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]
-        return Comparison(self.drives[rows], self.poses[rows], self.position_m[rows], vectors, self.inverted)
+        return type(self)(self.drives[rows], self.poses[rows], self.position_m[rows], vectors, self.inverted)
 
     @property
     def spread_m(self) -> float:
@@ -87,17 +86,17 @@ class Comparison:
         rotation = None if vectors is None else rotation_matrices(vectors)
         return fit_frames(self.poses, self.position_m, rotation, metres_per_rad, rough=rough)
 
-    def inverse(self) -> Comparison:
+    def inverse(self) -> Self:
         """Return the same with the measured poses taken for those of the tracker's side."""
         return dataclasses.replace(self, poses=self.poses.inverse(), inverted=True)
 
-    def turned_by(self, other: Comparison) -> float:
+    def turned_by(self, other: Self) -> float:
         """Return how far rotation vectors are from another's, beside a common change: in rad, half a turn at most."""
         if self.rotation_vector_rad is None or other.rotation_vector_rad is None:
             return 0.0
         return min(_spread(self.rotation_vector_rad - other.rotation_vector_rad), math.pi)
 
-    def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Comparison | None:
+    def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Self | None:
         """Return the same with drives changed; None where too few of them have a pose."""
         drives = change(self.drives)
         some = evenly(len(drives), _GLANCE)

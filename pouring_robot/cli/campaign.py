@@ -1,7 +1,5 @@
 """``pouring-robot campaign``: choose what to measure, check what was measured, measure a virtual robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ meshcat's own server is a process of its own that listens on every interface, ou
 a second port for commands. This one is a thread of the program: it ends with the program, however that ends.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import threading

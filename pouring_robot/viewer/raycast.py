@@ -1,10 +1,8 @@
 """Which surface each ray of a camera meets first, and how bright it is there; no graphics library."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -81,9 +79,9 @@ class Hits:
         """Where something was met."""
         return np.asarray(self.part >= 0)
 
-    def every(self, step: int) -> Hits:
+    def every(self, step: int) -> Self:
         """Return every ``step``-th hit in both directions."""
-        return Hits(**{name: array[::step, ::step] for name, array in vars(self).items()})
+        return type(self)(**{name: array[::step, ::step] for name, array in vars(self).items()})
 
 
 class Layer:

@@ -4,8 +4,6 @@ Of a ``sobol`` study Sobol indices too; where no base sample has a solution, or 
 is raised. A chunk that is damaged or not done raises SweepStoreError.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -50,6 +48,18 @@ class Distances:
         return 0.0 if place == 0 else float(self.edges_m[min(place, self.edges_m.size - 1)])
 
 
+class _Part:
+    """A chunk as the sums take it: zeros where there is no solution."""
+
+    def __init__(self, store: SweepStore, chunk: Chunk) -> None:
+        self.status = store.read("status", chunk)
+        self.good = self.status == 0
+        self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
+        self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
+        self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
+        self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
+
+
 class Moments:
     """Sums over the good samples of each of n rows (a parameter, a robot or a pose)."""
 
@@ -81,18 +91,6 @@ class Moments:
     def rms_m(self) -> FloatArray:
         """Root mean square of the displacement by axis, shape (n, 3); NaN without samples."""
         return np.asarray(np.sqrt(self.squares_m2 / np.where(self.count, self.count, np.nan)[:, None]))
-
-
-class _Part:
-    """A chunk as the sums take it: zeros where there is no solution."""
-
-    def __init__(self, store: SweepStore, chunk: Chunk) -> None:
-        self.status = store.read("status", chunk)
-        self.good = self.status == 0
-        self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
-        self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
-        self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
-        self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
 
 
 @dataclass(frozen=True, eq=False)

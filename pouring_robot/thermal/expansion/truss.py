@@ -14,9 +14,8 @@ trolley stands on its four wheels where the girders then are. Its uprights grow 
 platform goes with their feet. Everything grows from the middle of the truss.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy.sparse
@@ -170,17 +169,17 @@ class TrussMotion:
     shift_m: FloatArray  # of the fixed platform's origin, shape (3,)
     turn_rad: FloatArray  # small rotation vector, shape (3,)
 
-    def __add__(self, other: TrussMotion) -> TrussMotion:
+    def __add__(self, other: Self) -> Self:
         """Return both together."""
         moved = self.moved_m + other.moved_m
-        return TrussMotion(self.points_m, moved, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad)
+        return type(self)(self.points_m, moved, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad)
 
     def carried_m(self, points_m: FloatArray) -> FloatArray:
         """Return how points that stand in the fixed platform, shape (n, 3), go with it."""
         return np.asarray(self.shift_m + np.cross(self.turn_rad, points_m))
 
     @classmethod
-    def under_weight(cls, layout: LayoutEntry, sag_m: float) -> TrussMotion:
+    def under_weight(cls, layout: LayoutEntry, sag_m: float) -> Self:
         """Return it for girders that sag in their middle, as under a force there."""
         points = _points(layout)
         near = 0.5 - np.abs(points[: 2 * _ALONG, 0]) / layout.truss.gauge.metres
@@ -189,7 +188,7 @@ class TrussMotion:
         return cls(points, share[:, None] * down, down, np.zeros(3))
 
     @classmethod
-    def under_heat(cls, layout: LayoutEntry, found: TrussTemperatures, properties: ThermalProperties) -> TrussMotion:
+    def under_heat(cls, layout: LayoutEntry, found: TrussTemperatures, properties: ThermalProperties) -> Self:
         """Return it for temperatures."""
         truss, points = layout.truss, _points(layout)
         alpha, cold = properties.steel.expansion.value, properties.expansion.reference_temperature.value

@@ -4,12 +4,11 @@ Too few entries, unequal lengths and times that do not increase raise HistoryErr
 TemperatureError.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class HeatHistory:
             object.__setattr__(self, f"{what}_degC", values)
 
     @classmethod
-    def constant(cls, melt_degC: float, ambient_degC: float, duration_s: float) -> HeatHistory:
+    def constant(cls, melt_degC: float, ambient_degC: float, duration_s: float) -> Self:
         """Return temperatures that are held for a time."""
         return cls(np.array([0.0, duration_s]), np.full(2, melt_degC), np.full(2, ambient_degC))
 
@@ -90,7 +89,7 @@ class PoseSchedule:
         _check_order(np.array([time for time, _ in self.entries], dtype=float))
 
     @classmethod
-    def of(cls, poses: Placed | PoseSchedule | Sequence[tuple[float, Placed]], start_s: float) -> PoseSchedule:
+    def of(cls, poses: "Placed | PoseSchedule | Sequence[tuple[float, Placed]]", start_s: float) -> "PoseSchedule":
         """Return a schedule from one pose that is held throughout, from entries, or as it is."""
         if isinstance(poses, PoseSchedule):
             return poses
