@@ -1,14 +1,13 @@
 """What a finished sweep says: its figures, lines, tables and plots, and the files beside the store."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
@@ -24,9 +23,6 @@ from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, Ranked
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _SHOWN, _SLICES = 20, 3
 _POINTS = 2000  # of each box at most: the picture shows no more

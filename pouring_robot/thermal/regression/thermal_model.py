@@ -13,13 +13,11 @@
 The error along each axis is :class:`ErrorLine`'s.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Self
 
 import numpy as np
 import pydantic
@@ -30,9 +28,7 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, rms
-
-if TYPE_CHECKING:
-    from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.table import ErrorTable
 
 AXES = ("x", "y", "z")
 _SAME = 1e-9  # degC, m or rad: rounding
@@ -51,7 +47,7 @@ class Positions:
     # lowest and highest of everything that is known of the poses, in m and rad, of what is one and the same, too
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    def rows(self, kept: Sequence[int]) -> Positions:
+    def rows(self, kept: Sequence[int]) -> Self:
         """Return those of some of the sets."""
         return replace(self, values=self.values[kept])
 
@@ -69,12 +65,12 @@ class ErrorLine:
     centre: FloatArray  # p_0, shape (f,), in m and rad; empty where the pose does not count
 
     @classmethod
-    def straight(cls, intercept: float, slope: float, temperature_K: float) -> ErrorLine:
+    def straight(cls, intercept: float, slope: float, temperature_K: float) -> Self:
         """Return a line for all poses: ``intercept`` at 0 K, ``slope`` per K."""
         return cls(np.array([[intercept + slope * temperature_K], [slope]]), temperature_K, np.zeros(0))
 
     @classmethod
-    def of_pose(cls, table: ErrorTable, positions: Positions) -> ErrorLine:
+    def of_pose(cls, table: ErrorTable, positions: Positions) -> Self:
         """Fit offset and slope over the poses by least squares; too few sets for the inputs raise TableError."""
         count, inputs = positions.values.shape
         if count < inputs + 2:
@@ -106,7 +102,7 @@ class Remains:
     rms: float
 
     @classmethod
-    def of(cls, residuals: FloatArray) -> Remains:
+    def of(cls, residuals: FloatArray) -> Self:
         """Take them from residuals of any shape."""
         return cls(float(residuals.mean()), float(residuals.std(ddof=1)), rms(residuals))
 
@@ -136,7 +132,7 @@ class ThermalModel(StrictModel):
     axes: dict[Literal["x", "y", "z"], AxisModel] = pydantic.Field(min_length=1)
 
     @pydantic.model_validator(mode="after")
-    def _fits(self) -> ThermalModel:
+    def _fits(self) -> Self:
         if len(self.centre) != len(self.inputs):
             raise ValueError("centre needs one number for each of the inputs")
         for name, axis in self.axes.items():
@@ -147,7 +143,7 @@ class ThermalModel(StrictModel):
         return self
 
     @classmethod
-    def load(cls, path: Path | str) -> ThermalModel:
+    def load(cls, path: Path | str) -> Self:
         """Read a thermal-model file."""
         return validate(cls, read_yaml(Path(path)), Path(path))
 
