@@ -16,8 +16,7 @@ _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
-_ATTITUDE = 3
-"""As many columns that nobody knows may be a rotation, as angles or as a quaternion."""
+_ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
     "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
     "Rotation.from_quat([x, y, z, w]).as_rotvec()); else all is well"

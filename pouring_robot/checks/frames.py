@@ -38,10 +38,8 @@ from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""
-_HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05
-"""Misfits above these no robot's errors explain."""
-_HOPELESS_SHARE = 0.02
-"""Of the spread of the measured positions: large robots may be off by more."""
+_HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05  # misfits above these no robot's errors explain
+_HOPELESS_SHARE = 0.02  # of the spread of the measured positions: large robots may be off by more
 _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted

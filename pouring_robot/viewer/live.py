@@ -20,8 +20,7 @@ from pouring_robot.viewer.page import page
 from pouring_robot.viewer.scene import Scene
 
 LOOPBACK = "127.0.0.1"
-_PATIENCE_S = 10.0
-"""Longest time the server's thread may take to start or to end."""
+_PATIENCE_S = 10.0  # longest time the server's thread may take to start or to end
 
 
 class Bench(Protocol):

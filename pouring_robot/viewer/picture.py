@@ -24,12 +24,9 @@ Pixels = npt.NDArray[np.uint8]
 PICTURE_SIZE = (1200, 900)
 """Default width and height, pixels."""
 _SMALLEST, _LARGEST = 160, 6000
-_SAMPLES = 2
-"""Rays along each side of a pixel."""
-_BAND = 96
-"""Rows of pixels drawn at once."""
-_MARGIN = 12
-"""Rows of samples drawn beyond a band; even, and wider than a blur reaches."""
+_SAMPLES = 2  # rays along each side of a pixel
+_BAND = 96  # rows of pixels drawn at once
+_MARGIN = 12  # rows of samples drawn beyond a band; even, and wider than a blur reaches
 _THREADS = 4
 _TOUCHING_M = 1e-4
 """A translucent surface this little in front of a solid one is not drawn: it would come out in specks."""

@@ -22,16 +22,12 @@ from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArro
 
 _DIRECTION = (1.0, -0.7, 0.38)
 """Towards the camera: far enough to the front that the mechanism's weak direction, sideways, shows its full length."""
-_HAZE = 0.45
-"""Share of the sky's colour in what stands in the background."""
-_LOOKED_AT = 5
-"""Steps of which a camera takes account."""
-_SAME_PLACE = 1e-4
-"""Two placements closer than this (m, and rad as matrix entries) cannot be told apart in a picture."""
+_HAZE = 0.45  # share of the sky's colour in what stands in the background
+_LOOKED_AT = 5  # steps of which a camera takes account
+_SAME_PLACE = 1e-4  # two placements closer than this (m, and rad as matrix entries) cannot be told apart in a picture
 _CREASE_RAD = np.radians(35.0)
 """Neighbouring triangles that meet at more than this angle show an edge instead of a rounding."""
-_ROUND_SECTIONS = 40
-"""Sides of the prism that stands for a cylinder."""
+_ROUND_SECTIONS = 40  # sides of the prism that stands for a cylinder
 
 
 @dataclass(frozen=True, eq=False)
