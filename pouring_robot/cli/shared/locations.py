@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pouring_robot.cli.shared.options import print_notes, say
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
@@ -35,10 +35,8 @@ def print_location(location: Location) -> None:
         ]
     head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
     seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
-    table = plain_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad")
-    for row in table.rows[2::3]:
-        row.style = "bold"
-    say(table)
+    errors = range(2, len(rows), 3)
+    print_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad", bold=errors)
 
 
 def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:

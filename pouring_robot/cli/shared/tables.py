@@ -8,34 +8,9 @@ from typing import TYPE_CHECKING
 from pouring_robot.cli.shared.options import print_indented, say
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from pouring_robot.report.page import Block
 
 _MOST_ROWS = 40
-
-
-def plain_table(
-    head: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    left: Collection[int] = (0,),
-    *,
-    title: str | None = None,
-    wrap: bool = False,
-) -> Table:
-    """Return a table of plain texts without a frame; cells at the end of a row may be left out.
-
-    Columns in ``left`` are set to the left, the others, figures, to the right; ``wrap`` lets long cells go on in the
-    next line.
-    """
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for k, name in enumerate(head):
-        table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def print_table(
@@ -45,11 +20,23 @@ def print_table(
     *,
     title: str | None = None,
     wrap: bool = False,
+    bold: Collection[int] = (),
     most: int | None = None,
     beyond: str = "",
 ) -> None:
-    """Print such a table, of a long one its beginning and what is said of the others."""
-    say(plain_table(head, rows[:most], left, title=title, wrap=wrap))
+    """Print a table of plain texts without a frame, of a long one its beginning and what is said of the others.
+
+    Cells at the end of a row may be left out. Columns in ``left`` are set to the left, the others, figures, to the
+    right; ``wrap`` lets long cells go on in the next line; rows in ``bold`` stand out.
+    """
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for k, name in enumerate(head):
+        table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
+    for k, row in enumerate(rows[:most]):
+        table.add_row(*row, style="bold" if k in bold else None)
+    say(table)
     if most is not None and len(rows) > most:
         say(f"… and {len(rows) - most} {beyond}")
 
