@@ -149,10 +149,6 @@ def _error(shift: Any, turn: Any) -> Row:
     }
 
 
-def _names(rows: list[Row]) -> list[str]:
-    return list(dict.fromkeys(name for row in rows for name in row))
-
-
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
     from pouring_robot.cli.shared.tables import print_rows
     from pouring_robot.robot.location_figures import decimals
@@ -166,7 +162,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
     options.say(f"largest error {worst:.3f} mm{verdict}", style="bold")
     if not in_file:
         rows = [{name: value for name, value in row.items() if value != "closed"} for row in rows]
-        names = _names(rows)
+        names = list(dict.fromkeys(name for row in rows for name in row))
 
         def cell(name: str, value: Any) -> str:
             signed = name.startswith("error_") and name != "error_mm"
