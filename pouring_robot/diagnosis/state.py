@@ -15,7 +15,7 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Problem
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
@@ -81,6 +81,11 @@ class Diagnoser:
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
+    def _gap_squared(self) -> float:
+        linear = self.at_rest().linear
+        return float(np.square(Nuisance.of(linear.free).cleared(linear.residual)).sum())
+
+    @functools.cached_property
     def thresholds(self) -> Thresholds:
         """Those that hold in this campaign: by chance the best of all effects is worth something."""
         return self._thresholds_in(self.problem_at(self.at_rest()))
@@ -97,7 +102,9 @@ class Diagnoser:
 
         What the state's own changes add to the prediction to first order is given back: they are to be found again.
         """
-        return self._problem(state, state.every_row if of_every_row else state.linear, self.library)
+        if of_every_row:
+            return self._problem(state, state.every_row, self.library)
+        return replace(self._problem(state, state.linear, self.library), whole_squared=self._gap_squared)
 
     def _problem(self, state: State, linear: LinearRows, library: Library) -> Problem:
         residual = linear.residual + self._signature(state.parameters, state.values, linear)

@@ -111,6 +111,14 @@ class Problem:
     nuisance: Nuisance  # what free unknowns explain
     workmanship: tuple[Workmanship, ...]  # its kinds
     explanations: tuple[Explanation, ...]  # forms of effects
+    # squared size of the gap, where the residual is not all of it but what is left with something put in, and to first
+    # order given back; None: the residual's
+    whole_squared: float | None = None
+
+    @property
+    def gap_squared(self) -> float:
+        """Squared size of the whole gap, in noise variances."""
+        return self.gram.squared if self.whole_squared is None else self.whole_squared
 
     @classmethod
     def build(
@@ -185,7 +193,8 @@ class Problem:
 
     def under(self, factor: float) -> Problem:
         """Return the problem where the noise is so many times as large: its gram and residual, not its columns."""
-        problem = replace(self, residual=self.residual / factor)
+        whole = self.whole_squared and self.whole_squared / factor**2
+        problem = replace(self, residual=self.residual / factor, whole_squared=whole)
         vars(problem)["gram"] = self.gram.under(factor)
         return problem
 

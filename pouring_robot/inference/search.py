@@ -32,6 +32,7 @@ def search(
     current = _found(start.settled() if start else Hypothesis.nothing(problem), thresholds)
     for _ in range(_MOST_REFUSED):
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, thresholds)]
+        wrong = wrong or cancelled(current, thresholds)  # they have grown since they were found
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
@@ -54,7 +55,7 @@ def _ascended(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
         # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
         close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
         close = [backward(reconsidered(h), thresholds) for h in close]
-        close = [h for h in close if not cancelling(h, thresholds)]
+        close = [h for h in close if not cancelled(h, thresholds)]
         best = max(close, key=lambda h: h.log_evidence, default=current)
         if best.log_evidence < current.log_evidence + thresholds.least_evidence:
             break
@@ -79,15 +80,15 @@ def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
         # As far behind it does not catch up when its neighbours are reconsidered.
         if rest.log_evidence > current.log_evidence - _BRANCH_BEHIND and rest.of_effect(effect):
             rest = backward(reconsidered(rest), thresholds)
-            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelling(rest, thresholds):
+            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelled(rest, thresholds):
                 current = rest
     return current
 
 
-def cancelling(hypothesis: Hypothesis, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
-    """Return whether a cause's part is so large that others undo it."""
-    gap = thresholds.most_cancelled**2 * float(hypothesis.problem.gram.squared)
-    return any(item.cause and hypothesis.squared_size(k) > gap for k, item in enumerate(hypothesis.items))
+def cancelled(hypothesis: Hypothesis, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[int]:
+    """Return the causes, by index, whose parts are so large that others undo them."""
+    most = thresholds.most_cancelled**2 * hypothesis.problem.gap_squared
+    return [k for k, item in enumerate(hypothesis.items) if item.cause and hypothesis.squared_size(k) > most]
 
 
 def credible(hypothesis: Hypothesis, index: int, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:

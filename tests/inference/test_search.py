@@ -1,5 +1,7 @@
 """The search finds what was planted and nothing on noise; seeded ensembles, rates with their room for chance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -163,3 +165,15 @@ def test_two_forms_of_one_name_are_refused(rng):
     usual = Workmanship("same", rng.normal(size=(ROWS, 2)))
     with pytest.raises(BadInputError, match="effect 'same' has two forms 'background'"):
         search(problem(rng.normal(size=ROWS), [item], (usual,)))
+
+
+def test_a_cause_that_has_grown_beyond_the_gap_is_none(rng):
+    """The residual of a state whose changes were given back is as large as they are: the gap is not."""
+    items = library(rng)
+    built = problem(planted(rng, items[:1], [20.0]), items)
+    start = search(built)
+    assert start.effects == ("effect 0",)
+    for gap, found in ((10.0, ("effect 0",)), (5.0, ())):  # three times that are 30 and 15
+        again = replace(built, whole_squared=gap**2 * ROWS)
+        assert search(again, start=start.on(again)).effects == found
+        assert search(again.under(2.0), start=start.on(again.under(2.0))).effects == found
