@@ -78,28 +78,9 @@ class BayesFactor:
     peak: float  # log evidence at those
 
 
-class Products(Protocol):
-    """Inner products of columns and residual through the inverse of a covariance."""
-
-    @property
-    def projected(self) -> FloatArray:
-        """Of the columns with the residual, (K,)."""
-
-    @property
-    def squared(self) -> float:
-        """Of the residual with itself."""
-
-    @property
-    def log_determinant(self) -> float:
-        """Of the covariance."""
-
-    def inner(self, some: Indices, others: Indices) -> FloatArray:
-        """Return those of some columns (a,) with others (b,), shape (a, b)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Inner products of columns and residual, all at hand."""
+    """Inner products of columns and residual through the inverse of a covariance, all at hand."""
 
     columns: FloatArray  # of the columns, (K, K)
     projected: FloatArray  # of the columns with the residual, (K,)
@@ -133,7 +114,7 @@ class Beside:
     Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
     """
 
-    def __init__(self, products: Products, places: Indices, weights: FloatArray) -> None:
+    def __init__(self, products: Gram | Beside, places: Indices, weights: FloatArray) -> None:
         self._products, self.places, self.weights = products, places, weights
         inner = products.inner(places, places)
         inner *= weights
@@ -141,11 +122,11 @@ class Beside:
         inner.flat[:: len(places) + 1] += 1.0
         self._factor = _factor(inner)
         self.pulled = self._solved(weights * products.projected[places])
-        self.squared = products.squared - float(self.pulled @ self.pulled)
-        self.log_determinant = products.log_determinant + 2.0 * float(np.log(self._factor.diagonal()).sum())
+        self.squared: float = products.squared - float(self.pulled @ self.pulled)
+        self.log_determinant: float = products.log_determinant + 2.0 * float(np.log(self._factor.diagonal()).sum())
 
     @classmethod
-    def groups(cls, products: Products, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
+    def groups(cls, products: Gram | Beside, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
         """Return what is to be seen beside groups of columns, each with its places and weights."""
         places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
         return cls(products, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
