@@ -4,11 +4,13 @@ What stands still, such as a displaced joint, becomes part of the robot's placem
 command sees it. What depends on conditions stays in the effect stack with its parameters, to be put in row by row.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
+from pouring_robot.diagnosis.parameters import FoundByKey, FoundParameter
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames.outer import FRAMES
@@ -30,17 +32,14 @@ def amended(diagnosis: Findings) -> RobotModel:
     Raises:
         CalibrationError: a displacement is too large to be an error of a robot.
     """
-    entries: list[EffectEntry] = []
-    placed: list[tuple[EffectParameter, float]] = []
-    inside = diagnosis.rows.measurement
+    entries, placed, inside = list[EffectEntry](), list[FoundParameter](), diagnosis.rows.measurement
     known = diagnosis.diagnoser.library.effects
-    for effect, form, parameters in _found(diagnosis):
-        still = [not known[effect].needs and stands_still(p, inside.names[FRAMES:]) for p, _, _ in parameters]
-        placed += [(p, value) for (p, value, _), fixed in zip(parameters, still, strict=True) if fixed]
-        for wanted in (True, False):
-            chosen = [item for item, fixed in zip(parameters, still, strict=True) if fixed == wanted]
+    for (effect, form), parameters in _found(diagnosis):
+        still = [p for p in parameters if not known[effect].needs and stands_still(p.parameter, inside.names[FRAMES:])]
+        placed += still
+        for fixed, chosen in ((True, still), (False, [p for p in parameters if p not in still])):
             if chosen:
-                entries.append(_entry(effect, form, wanted, chosen))
+                entries.append(_entry(effect, form, fixed, chosen))
     model = inside.amended(_local(inside, placed))
     learned, name = dict(diagnosis.model.learned), diagnosis.campaign.path.stem
     while name in learned:
@@ -64,11 +63,8 @@ def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
     )
 
 
-Found = tuple[EffectParameter, float, float]
-
-
-def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
-    """Return effect, form and parameters with value and standard deviation, as the amended robot has them.
+def _found(diagnosis: Findings) -> FoundByKey:
+    """Return parameters by effect and form, as the amended robot has them.
 
     Values are those the robot was closed with. A parameter that the last weighing gave up again, too small to
     matter, is still in it; its standard deviation is what one would expect of it beforehand.
@@ -78,35 +74,30 @@ def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
     left: dict[EffectParameter, list[float]] = {}
     for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
         left.setdefault(parameter, []).append(value)
-    found = []
-    for (effect, form), parameters in diagnoser.parameters_of(diagnosis.hypothesis):
-        own = [(p.parameter, left[p.parameter].pop(0), p.std) for p in parameters if left.get(p.parameter)]
-        found.append((effect, form, own))
+    found: FoundByKey = []
+    for key, parameters in diagnoser.parameters_of(diagnosis.hypothesis):
+        own = (replace(p, value=left[p.parameter].pop(0)) for p in parameters if left.get(p.parameter))
+        found.append((key, tuple(own)))
     # What is left belongs to the largest form that is there as a whole.
     forms = diagnoser.library.every_form.items()
-    for (effect, name), whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
+    for key, whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
         if all(left.get(p) for p in whole.parameters):
-            found.append((effect, name, [(p, left[p].pop(0), p.prior_std) for p in whole.parameters]))
+            found.append((key, tuple(FoundParameter(p, left[p].pop(0), p.prior_std) for p in whole.parameters)))
     return found
 
 
-def _entry(effect: str, form: str, placed: bool, parameters: Sequence[Found]) -> EffectEntry:
-    return EffectEntry(
-        effect=effect,
-        form=form,
-        placed=placed,
-        parameters={
-            p.name: ParameterEntry(value=round(v, _VALUE_DIGITS), std=float(f"{std:.{_STD_DIGITS}g}"), unit=p.unit)
-            for p, v, std in parameters
-        },
-    )
+def _entry(effect: str, form: str, placed: bool, parameters: Sequence[FoundParameter]) -> EffectEntry:
+    entries = {}
+    for p in parameters:
+        value, std = round(p.value, _VALUE_DIGITS), float(f"{p.std:.{_STD_DIGITS}g}")
+        entries[p.parameter.name] = ParameterEntry(value=value, std=std, unit=p.parameter.unit)
+    return EffectEntry(effect=effect, form=form, placed=placed, parameters=entries)
 
 
-def _local(inside: MeasurementModel, placed: Sequence[tuple[EffectParameter, float]]) -> FloatArray:
+def _local(inside: MeasurementModel, placed: Sequence[FoundParameter]) -> FloatArray:
     """Return the local parameters (P,) that placed parameters make together, in m and rad."""
-    total = np.zeros(len(inside.parameters))
-    where: Mapping[str, int] = {name: k for k, name in enumerate(inside.names[FRAMES:])}
-    for parameter, value in placed:
-        for name, change in parameter.changes.items():
-            total[where[name]] += value * float(change[0])
+    total, names = np.zeros(len(inside.parameters)), inside.names[FRAMES:]
+    for one in placed:
+        for name, change in one.parameter.changes.items():
+            total[names.index(name)] += one.value * float(change[0])
     return total
