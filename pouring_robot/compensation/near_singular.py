@@ -56,7 +56,9 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
                 one = bring(robot.actual_solver, robot.close_actual, target, drives, configuration, most)
             except NoSolutionError:
                 continue  # nor on the way from there
-            if one.settled and not _beyond(robot, one):
+            mechanism = robot.actual_solver.mechanism
+            reach = joint_reach(mechanism, one.result.joint_values | mechanism.named_drives(one.drives))
+            if one.settled and not any(joint.beyond for joint in reach):
                 found.append(one)
 
     def nearness(one: Reached) -> tuple[float, ...]:
@@ -87,11 +89,3 @@ def _nearer(left: FloatArray, other: FloatArray, *, at_no_cost: bool = False) ->
     if place < placed - REACHED:
         return not at_no_cost or bool(angle <= turned + REACHED)
     return bool(place <= placed + REACHED and angle < turned - REACHED)
-
-
-def _beyond(robot: Robot, found: Reached) -> bool:
-    """Return whether a joint stands beyond its limits."""
-    mechanism = robot.actual_solver.mechanism
-    return any(
-        one.beyond for one in joint_reach(mechanism, found.result.joint_values | mechanism.named_drives(found.drives))
-    )

@@ -1,7 +1,7 @@
 """What is known of each condition: what to record for it, what to draw over it, how to make it tell effects apart."""
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -52,7 +52,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
     found = {"weight_n": replace(_of_weight(causes, load), word="load")}
     found["joint_moments"] = Facts(
-        _drawn("mean moment on a joint [Nm]", "joint_moments", _mean_size),
+        _drawn("mean moment on a joint [Nm]", "joint_moments", lambda given: np.abs([*given.values()]).mean(axis=0)),
         sources=("inertias of the links in the URDF",),
         vary="measure with the arm stretched out and folded, to all sides",
         by_pose=True,
@@ -89,10 +89,6 @@ def _drawn(label: str, name: str, shown: Callable[[Any], FloatArray] = np.asarra
         return label, None if values is None else shown(values)
 
     return axis
-
-
-def _mean_size(moments: Mapping[str, FloatArray]) -> FloatArray:
-    return np.asarray(np.mean([np.abs(moment) for moment in moments.values()], axis=0))
 
 
 def _time(given: Conditions) -> tuple[str, FloatArray | None]:

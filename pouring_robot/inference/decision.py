@@ -21,8 +21,6 @@ from pouring_robot.mechanism.arrays import rms
 Varied = Callable[[str], Iterable[Process]]
 """Gives the processes by which the size of an effect that is at work may vary, by its id."""
 Verdict = Literal["no_gap", "named", "group", "unknown"]
-
-
 _MOST_PARTS = 3
 
 
@@ -138,7 +136,10 @@ def judge(
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
-        found = replace(found, doubtful=_doubtful(beside, found))
+        # Where something is unknown it is for a cause to show that it is no part of that.
+        least, limit = thresholds.evidence_of_one_in(1), found.structure_evidence
+        doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
+        found = replace(found, doubtful=tuple(doubtful))
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -152,16 +153,6 @@ def judge(
         verdict = "group"
     described = rest() if found.clear_structures else ()
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
-
-
-def _doubtful(discrepancy: Discrepancy, found: Judgement) -> tuple[str, ...]:
-    """Return the effects that a process in their place explains nearly as well, where something is unknown.
-
-    There it is for a cause to show that it is no part of that.
-    """
-    least, structure = found.thresholds.evidence_of_one_in(1), found.structure_evidence
-    causes = (cause for cause, _ in found.challenged)
-    return tuple(cause.effect for cause in causes if discrepancy.lead(cause.indices, structure) < least)
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:

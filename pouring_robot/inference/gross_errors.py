@@ -51,15 +51,11 @@ def gross_errors(
     for left in residuals:
         wrong = np.flatnonzero(_beyond(left, row, fitted))
         count = wrong.size + gone
-        few = count <= max(_FEW, int(_FEW_SHARE * len(fitted)))
-        if wrong.size and (few or (count <= (1.0 - _SHARE) * len(fitted) and _scattered(wrong, courses))):
+        few, most = count <= max(_FEW, int(_FEW_SHARE * len(fitted))), (1.0 - _SHARE) * len(fitted)
+        level = _TOGETHER / len(courses)
+        if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
             return wrong
     return np.zeros(0, dtype=np.intp)
-
-
-def _scattered(wrong: NDArray[np.intp], courses: Sequence[FloatArray]) -> bool:
-    """Return whether rows do not lie together along any course."""
-    return not any(_together(wrong, course) < _TOGETHER / len(courses) for course in courses)
 
 
 def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -105,13 +105,10 @@ class Hypothesis:
         found = [(self.problem.places(kind), level) for kind, level in kinds if level]
         return [(places, np.full(len(places), WORKMANSHIP_LEVELS[level])) for places, level in found]
 
-    def _group(self, index: int) -> tuple[Indices, FloatArray]:
-        item = self.items[index]
-        return self.problem.places(item), self.scales[index].weights(item.main)
-
     @property
     def _item_groups(self) -> list[tuple[Indices, FloatArray]]:
-        return [self._group(k) for k in range(len(self.items))]
+        scaled = zip(self.items, self.scales, strict=True)
+        return [(self.problem.places(item), scale.weights(item.main)) for item, scale in scaled]
 
     @functools.cached_property
     def _groups(self) -> list[tuple[Indices, FloatArray]]:

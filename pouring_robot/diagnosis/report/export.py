@@ -34,12 +34,14 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     refuse_present([folder / name for name in (METRICS, REPORT)], overwrite=overwrite)  # before the work
     files: dict[Path, bytes | str] = {}
     with forked(lambda: _plots(diagnosis)) as drawn:
+        from pouring_robot.diagnosis.report.scene import ladle_scene
+        from pouring_robot.viewer.page import page
+
         files[folder / MODEL] = described(diagnosis).file_text(folder)
         metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
-        ladles = _ladles(diagnosis)
+        if scene := ladle_scene(diagnosis):
+            files[folder / LADLES] = page(scene)
         pictures = drawn()
-    if ladles:
-        files[folder / LADLES] = ladles
     if diagnosis.suggestion.measurements:
         files[folder / NEXT] = diagnosis.suggestion.plan_text()
     with_it = {
@@ -59,15 +61,6 @@ def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     from pouring_robot.diagnosis.report.plots import plots
 
     return plots(diagnosis)
-
-
-def _ladles(diagnosis: Conclusions) -> str:
-    """Return the page of the ladles, "" where there is none."""
-    from pouring_robot.diagnosis.report.scene import ladle_scene
-    from pouring_robot.viewer.page import page
-
-    scene = ladle_scene(diagnosis)
-    return page(scene) if scene is not None else ""
 
 
 def described(diagnosis: Conclusions) -> RobotModel:

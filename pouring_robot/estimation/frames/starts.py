@@ -161,7 +161,7 @@ class _Form:
             curvature = seen @ np.swapaxes(along.reshape(seen.shape), 2, 3)
             whole = curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape)
             # Downhill: where the whole curvature bends the wrong way, by that of squares alone.
-            chosen = np.where(_definite(whole)[..., None, None], whole, curvature)
+            chosen = np.where(np.linalg.eigvalsh(whole)[..., :1, None] > 0.0, whole, curvature)
             chosen += floor[still, ..., None] * np.eye(3)
             step = -np.linalg.solve(chosen, gradient[..., None])[..., 0]
             length = np.linalg.norm(step, axis=-1, keepdims=True)
@@ -195,9 +195,3 @@ class _Form:
         turned = np.einsum("nij,kj->kni", self.turns, flat, optimize=True) - inner_rotation.reshape(-1, 1, 9)
         misfit = misfit + np.sqrt(0.5) * self.arm * np.linalg.norm(turned, axis=2).sum(axis=1)
         return misfit, constants, inner, inner_rotation
-
-
-def _definite(matrices: FloatArray) -> BoolArray:
-    """Return which symmetric matrices (…, 3, 3) are positive definite, by their leading minors (Sylvester)."""
-    first, second = matrices[..., 0, 0], matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] ** 2
-    return np.asarray((first > 0.0) & (second > 0.0) & (np.linalg.det(matrices) > 0.0))
