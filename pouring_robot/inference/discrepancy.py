@@ -4,8 +4,6 @@ A :class:`~.processes.Process` is a Gaussian process: something unknown moves a 
 by a function of a condition. How large it is and how fast it varies is integrated over, so that a condition that
 nothing depends on is found irrelevant (automatic relevance determination: MacKay, Bayesian nonlinear modelling, 1994;
 sums: Duvenaud, Nickisch & Rasmussen, Additive Gaussian processes, 2011).
-
-Nothing here knows the robot.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from scipy.special import logsumexp
 from pouring_robot.inference.evidence import Beside, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Process
-from pouring_robot.inference.together import Found, SeenProcesses, Together
+from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
 from pouring_robot.mechanism.arrays import FloatArray, rms
 
 
@@ -61,32 +59,12 @@ _FACTORS = np.geomspace(1.01, 1e3, 200)
 """How many times as large the noise may be."""
 
 
-class Discrepancy:
+class Discrepancy(SeenProcesses):
     """What processes find beside a hypothesis, and in the place of its causes; all inner products are formed once."""
 
-    def __init__(self, seen: SeenProcesses) -> None:
-        self._seen = seen
-        self._less: dict[tuple[int, ...], Discrepancy] = {}
+    def __init__(self, hypothesis: Hypothesis, every: Iterable[Sequence[Seen]]) -> None:
+        super().__init__(hypothesis, every)
         self._sums: dict[tuple[float, int], Together] = {}
-
-    @classmethod
-    def of(cls, hypothesis: Hypothesis, processes: Iterable[Process]) -> Discrepancy:
-        """Return that of processes beside a hypothesis."""
-        return cls(SeenProcesses.of(hypothesis, processes))
-
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """Beside which it is."""
-        return self._seen.hypothesis
-
-    def __len__(self) -> int:
-        return len(self._seen)
-
-    def without(self, indices: Sequence[int]) -> Discrepancy:
-        """Return the same beside the hypothesis without a cause, by indices of the items that make it."""
-        if tuple(indices) not in self._less:
-            self._less[tuple(indices)] = Discrepancy(self._seen.without(indices))
-        return self._less[tuple(indices)]
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
         """Return the process that would explain best in the place of a cause, by indices of the items that make it.
@@ -95,7 +73,7 @@ class Discrepancy:
         cause is only the nearest neighbour of what is at work.
         """
         effects = {self.hypothesis.items[k].effect for k in indices}
-        others = [found for found in self.without(indices)._seen.alone if not effects & found.process.same_as]
+        others = [found for found in self.without(indices).alone if not effects & found.process.same_as]
         if not others:
             return Challenge(_NOTHING, -np.inf)
         best = max(others, key=lambda found: found.evidence)
@@ -115,13 +93,9 @@ class Discrepancy:
         evidence = float(logsumexp(densities)) - np.log(len(densities)) - fitted.log_likelihood
         return float(_FACTORS[np.argmax(densities)]), float(evidence)
 
-    def under(self, factor: float) -> Discrepancy:
-        """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
-        return Discrepancy(self._seen.under(factor))
-
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""
-        found = sorted((f for f in self._seen.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
+        found = sorted((f for f in self.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
         return [
             Structure(f.process, f.left.seen.length, f.amplitude, f.evidence, float(np.sqrt(f.squared / count)))
@@ -157,9 +131,9 @@ class Discrepancy:
 
     def _refound(self, names: Iterable[str]) -> Together:
         """Return processes by name, each as it is beside those before it."""
-        together = Together(self._seen)
+        together = Together(self)
         for name in names:
-            together = Together(self._seen, [*together.found, together.worth(name)])
+            together = Together(self, [*together.found, together.worth(name)])
         return together
 
     def _together(self, names: Iterable[str]) -> float:
@@ -176,12 +150,12 @@ class Discrepancy:
         return self._sums[least_evidence, most]
 
     def _greedy(self, least_evidence: float, most: int) -> Together:
-        chosen, tried = Together(self._seen), {one.name: one for one in self._seen.alone}
+        chosen, tried = Together(self), {one.name: one for one in self.alone}
         while len(chosen.found) < most:
             best = _best(tried, chosen, least_evidence)
             if best is None:
                 break
-            chosen = _settled(Together(self._seen, [*chosen.found, best]), least_evidence)
+            chosen = _settled(Together(self, [*chosen.found, best]), least_evidence)
             if best.name not in chosen.names:
                 break
         return chosen
@@ -202,7 +176,7 @@ class Discrepancy:
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
         bounds = dict[str, float]()
-        for name, lengths in self._seen.left.items():
+        for name, lengths in self.left.items():
             if name not in taken:
                 sizes = [max(part.rms for part in one.seen.parts) for one in lengths]
                 largest = [largest_scale(*chosen.products(one)) for one in lengths]
@@ -227,9 +201,8 @@ class Discrepancy:
 
     def _again(self, summands: Sequence[Summand]) -> Together:
         """Return what summands were made from."""
-        left = self._seen.left
-        found = [(s, next(one for one in left[s.process.name] if one.seen.length == s.length)) for s in summands]
-        return Together(self._seen, [Found(s.evidence, o, s.amplitude, o.inner, o.projected) for s, o in found])
+        found = [(s, next(one for one in self.left[s.process.name] if one.seen.length == s.length)) for s in summands]
+        return Together(self, [Found(s.evidence, o, s.amplitude, o.inner, o.projected) for s, o in found])
 
 
 def _best(tried: dict[str, Found], chosen: Together, least_evidence: float) -> Found | None:

@@ -16,6 +16,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Self
 
 import numpy as np
 import scipy.linalg
@@ -134,9 +135,10 @@ class SeenProcesses:
         self.hypothesis = hypothesis
         self._every = {lengths[0].process.name: lengths for lengths in every}
         self._known: dict[tuple[Left, Left], FloatArray] = {}
+        self._less: dict[tuple[int, ...], Self] = {}
 
     @classmethod
-    def of(cls, hypothesis: Hypothesis, processes: Iterable[Process]) -> SeenProcesses:
+    def of(cls, hypothesis: Hypothesis, processes: Iterable[Process]) -> Self:
         """Return them at every length scale."""
         nuisance = hypothesis.problem.nuisance
         values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
@@ -150,18 +152,21 @@ class SeenProcesses:
     def __len__(self) -> int:
         return len(self._every)
 
-    def without(self, indices: Sequence[int]) -> SeenProcesses:
-        """Return the same beside the hypothesis without some of its items."""
-        fewer = self.hypothesis.without(indices)
-        places = self.hypothesis.everything.places.tolist()
-        own = np.array([places.index(k) for k in fewer.everything.places.tolist()], dtype=np.intp)
-        every = self._every.values()
-        return SeenProcesses(fewer, ([replace(one, shared=one.shared[own]) for one in lengths] for lengths in every))
+    def without(self, indices: Sequence[int]) -> Self:
+        """Return the same beside the hypothesis without some of its items, a cause's."""
+        asked = tuple(indices)
+        if asked not in self._less:
+            fewer = self.hypothesis.without(indices)
+            places = self.hypothesis.everything.places.tolist()
+            own = np.array([places.index(k) for k in fewer.everything.places.tolist()], dtype=np.intp)
+            every = ([replace(one, shared=one.shared[own]) for one in lengths] for lengths in self._every.values())
+            self._less[asked] = type(self)(fewer, every)
+        return self._less[asked]
 
-    def under(self, factor: float) -> SeenProcesses:
-        """Return the same where the noise is so many times as large."""
+    def under(self, factor: float) -> Self:
+        """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
         every = ([one.under(factor) for one in lengths] for lengths in self._every.values())
-        return SeenProcesses(self.hypothesis.under(factor), every)
+        return type(self)(self.hypothesis.under(factor), every)
 
     @cached_property
     def left(self) -> dict[str, list[Left]]:
