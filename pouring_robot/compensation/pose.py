@@ -282,17 +282,13 @@ class DriveCompensation(Result):
     @property
     def headline(self) -> str:
         """How far off the frame was and is, and what to command."""
+        off = f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off"
+        left = f"{self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with it"
+        said = f"{off} without compensation, {left}"
         if self.kept:
-            return (
-                f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off, "
-                "not compensated: the pose is singular or nearly so and nothing better was found; the drives are kept: "
-                f"{', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
-            )
-        return (
-            f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off "
-            f"without compensation, {self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with "
-            f"it: {', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
-        )
+            why = "the pose is singular or nearly so and nothing better was found; the drives are kept"
+            said = f"{off}, not compensated: {why}"
+        return f"{said}: {', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
 
     def row(self) -> dict[str, float | str]:
         """Return what to command by column of a table of commands, how far off the frame was and is, and the status."""
