@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.sentences import (
     form_text,
     gap_sentence,
@@ -13,6 +12,7 @@ from pouring_robot.diagnosis.report.sentences import (
     sections,
     worse_sentence,
 )
+from pouring_robot.diagnosis.state import NamedEffect
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.io.units import MM
