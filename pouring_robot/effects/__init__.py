@@ -1,18 +1,5 @@
 """Effects: physical causes that move the end body, each a change of the mechanism's local parameters."""
 
-from pouring_robot.effects.base import Effect, EffectParameter, Form, LocalChanges
-from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
-from pouring_robot.effects.registry import FAMILIES, all_effects, chosen_effects
+import lazy_loader
 
-__all__ = [
-    "FAMILIES",
-    "Conditions",
-    "Effect",
-    "EffectParameter",
-    "Form",
-    "LocalChanges",
-    "NominalRows",
-    "all_effects",
-    "chosen_effects",
-    "conditions_of",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
