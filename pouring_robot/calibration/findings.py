@@ -81,11 +81,6 @@ class CalibrationFindings(Result):
         """Return the misfit over rows, those left out excluded."""
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
 
-    @property
-    def noise_floor(self) -> dict[str, float]:
-        """What noise alone would leave of all rows, as :meth:`floor`."""
-        return self.floor(np.arange(len(self.before)))
-
     def floor(self, rows: Indices) -> dict[str, float]:
         """Return what noise alone would leave of rows: RMS of a value, P95 of a length; NaN where nothing was measured.
 

@@ -30,7 +30,7 @@ def _residuals(calibration: CalibrationFindings) -> str:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure = new_figure(10.0, 5.6)
-    floor, columns = calibration.noise_floor, length_columns(calibration.before)
+    floor, columns = calibration.floor(np.arange(len(calibration.before))), length_columns(calibration.before)
     parts = [(f"{calibration.noise.length_kind} error [mm]", columns, MM, floor["rms_mm"])]
     if calibration.noise.turned:
         parts.append(("rotation error [mrad]", slice(3, 6), MRAD, floor["rms_mrad"]))

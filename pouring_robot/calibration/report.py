@@ -213,11 +213,7 @@ def html_report(calibration: CalibrationFindings) -> str:
 
 
 def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
-    """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``, and return the files.
-
-    The folder is made if need be. Raises OutputError if it cannot be written to, or a file is there already and
-    ``overwrite`` is not set.
-    """
+    """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``; see the calibration."""
     folder, model = check_folder(folder), described(calibration)
     refuse_present([folder / name for name in (FIGURES, REPORT)], overwrite=overwrite)  # before the work
     try:
