@@ -99,22 +99,21 @@ def _transfers(
     progress: Progress,
 ) -> list[tuple[Kind, FloatArray, FloatArray]]:
     """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
-    branches = isinstance(engine, CompiledEngine) and not engine.structure.is_serial
-    kinds: tuple[Kind, ...] = ("closed chain", "open branch") if branches else ("closed chain",)
-    parts: dict[Kind, list[BatchTransfer]] = {kind: [] for kind in kinds}
-    rotations = []
+    chains = engine if isinstance(engine, CompiledEngine) and not engine.structure.is_serial else None
+    closed, opened, rotations = list[BatchTransfer](), list[BatchTransfer](), list[FloatArray]()
     for first in range(0, len(start), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         found = engine.close(drives[part], start[part]).require_all()
         rotations.append(found.rotation)
-        parts["closed chain"].append(engine.transfer(found, wanted))
-        if branches and isinstance(engine, CompiledEngine):
-            parts["open branch"].append(engine.transfer_open_branch(found.joints, wanted))
+        closed.append(engine.transfer(found, wanted))
+        if chains:
+            opened.append(chains.transfer_open_branch(found.joints, wanted))
         progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
-    if any(transfer.status.any() for found in parts.values() for transfer in found):
+    if any(transfer.status.any() for transfer in closed + opened):
         raise NoSolutionError("the drives do not determine the robot at a pose of the workspace; narrow the range")
     rotation = np.concatenate(rotations)
-    return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in parts.items()]
+    kinds: dict[Kind, list[BatchTransfer]] = {"closed chain": closed, "open branch": opened}
+    return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in kinds.items() if found]
 
 
 def _moved(matrix: FloatArray, lever: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
