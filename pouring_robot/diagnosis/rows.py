@@ -24,6 +24,7 @@ from pouring_robot.effects.registry import changes_by_stack, local_changes, stac
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
+from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
@@ -93,6 +94,9 @@ class LinearRows(WhitenedRows):
     still: FloatArray
     scale: FloatArray  # derivative of the prediction by the device's scale, (m,)
     own: BoolArray  # whether an equation is of a session with frames of its own, (m, s)
+    start: Indices  # row that an equation's reading starts from, (m,); its own where there is none
+    # what that row alone does of jacobian and scale, (m, 12 + P + 1); of no columns where no reading starts from a row
+    by_start: FloatArray
 
     @property
     def frame_columns(self) -> FloatArray:
@@ -246,8 +250,25 @@ class CampaignRows:
         at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, given.base), disagreement=gap)
         still = whiten(self.measured, at_rest).derivatives
         prediction = np.negative(equations.jacobian, out=equations.jacobian)
+        rows, start, by_start = equations.rows, equations.rows.copy(), np.zeros((len(sigma), 0))
+        for instrument in self.measured.others:
+            if (found := instrument.starts(seen)) is None:
+                continue
+            some = np.flatnonzero(are(instrument.kind, equations.components) & (found.row[rows] >= 0))
+            start[some], by_start = found.row[rows[some]], np.zeros((len(sigma), prediction.shape[1] + 1))
+            stretched = found.stretched[rows[some]] / (1.0 + total.scale[start[some]])
+            by_start[some] = np.column_stack([found.jacobian[rows[some]], stretched]) / sigma[some, None]
         return LinearRows(
-            equations.residual, equations.rows, equations.components, sigma, prediction, -still, scale, own
+            equations.residual,
+            rows,
+            equations.components,
+            sigma,
+            prediction,
+            -still,
+            scale,
+            own,
+            start,
+            by_start,
         )
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
@@ -272,6 +293,9 @@ class CampaignRows:
         total = np.zeros(linear.residual.size)
         for name, change in changes.items():
             total += self.channel(name, linear) * change[linear.row]
+            if linear.by_start.size:  # there it may change otherwise
+                place = -1 if name == SCALE else self._places[name]
+                total += linear.by_start[:, place] * (change[linear.start] - change[linear.row])
         return total
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:

@@ -31,6 +31,15 @@ from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_
 
 
 @dataclass(frozen=True, eq=False)
+class Starts:
+    """What n readings do as the rows alone move that they start from."""
+
+    row: Indices  # which row that is, as the prediction counts them, (n,); -1: none
+    jacobian: FloatArray  # derivative of the predicted reading by the unknowns there, (n, 12 + P)
+    stretched: FloatArray  # by the device's scale there, (n,), in m per one
+
+
+@dataclass(frozen=True, eq=False)
 class Instrument(ABC):
     """What one kind of instrument read in n rows: arrays of n rows each, what was measured first."""
 
@@ -57,6 +66,10 @@ class Instrument(ABC):
     def stretched(self, prediction: Prediction) -> FloatArray:
         """Return how the reading grows with the device's scale, (n, k), in m or rad per one; by default not at all."""
         return np.zeros(self.known.shape)
+
+    def starts(self, prediction: Prediction) -> Starts | None:
+        """Return what of the readings is due to rows they start from, beside their own; by default nothing."""
+        return None
 
     def where(self, kept: BoolArray) -> Self:
         """Return the same with the other rows not measured; ``kept`` is a mask (n,)."""
@@ -153,13 +166,25 @@ class Distances(Instrument):
         line, at = self._lines(prediction)
         moved = prediction.derivatives[:, :3]
         moved = moved - np.where((at < 0)[:, None, None], 0.0, moved[at])
-        along = line / np.maximum(np.linalg.norm(line, axis=1), np.finfo(float).tiny)[:, None]
-        return np.asarray(-np.einsum("nc,ncp->np", along, moved)[:, None])
+        return np.asarray(-np.einsum("nc,ncp->np", _unit(line), moved)[:, None])
+
+    def starts(self, prediction: Prediction) -> Starts | None:
+        """As the places move that distances between rows start from."""
+        line, at = self._lines(prediction)
+        if (at < 0).all():
+            return None
+        back = np.where((at < 0)[:, None], 0.0, -_unit(line))
+        jacobian = np.einsum("nc,ncp->np", back, prediction.derivatives[at, :3])
+        return Starts(at, jacobian, (back * prediction.position_m[at]).sum(axis=1))
 
     def stretched(self, prediction: Prediction) -> FloatArray:
         """In proportion."""
         line, _ = self._lines(prediction)
         return np.asarray(np.linalg.norm(line, axis=1)[:, None])
+
+
+def _unit(lines: FloatArray) -> FloatArray:
+    return np.asarray(lines / np.maximum(np.linalg.norm(lines, axis=1), np.finfo(float).tiny)[:, None])
 
 
 @dataclass(frozen=True, eq=False)

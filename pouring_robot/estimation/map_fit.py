@@ -27,7 +27,7 @@ from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, noise_shares
@@ -123,7 +123,8 @@ def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames
     for _ in range(_STEPS):
         jacobian = equations.derivatives
         normal = jacobian.T @ jacobian
-        hold = damping * (np.trace(normal) / FRAMES) * np.eye(FRAMES)
+        # Also of directions of which nothing is told, where round-off would choose the step.
+        hold = (damping * np.trace(normal) / FRAMES + FRAME_STD**-2) * np.eye(FRAMES)
         step: FloatArray = -np.linalg.solve(normal + hold, jacobian.T @ equations.residual)
         moved = frames.moved(step)
         trial = _equations(measured, closure, moved)

@@ -21,12 +21,13 @@ from pouring_robot.effects.made_up import complete_conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.residuals import whiten
 from pouring_robot.exceptions import MissingConditionsError
 from pouring_robot.inference.processes import columns_of
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
-from tests.effects.test_base import difference
+from tests.effects.test_base import difference, moved
 from tests.examples import arm
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
@@ -201,6 +202,29 @@ def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
             expected = parameter.prior_std * difference(rows, rows.frames, parameter)
             size = max(1.0, np.abs(expected).max())
             assert np.abs(found - expected).max() <= 1e-5 * size, (effect.id, parameter.name)
+
+
+def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows):
+    place = rows.predicted(rows.unchanged(), rows.frames).position_m
+    between = {
+        "position_m": np.full((ROWS, 3), np.nan),
+        "rotation_vector_rad": None,
+        "distance_m": np.linalg.norm(place - np.roll(place, 7, axis=0), axis=1)[:, None],
+        "distance_from": tuple(np.roll(rows.campaign.samples, 7).tolist()),
+    }
+    apart = CampaignRows(replace(rows.campaign, **between), rows.model, NOISE)
+    linear = apart.linearise(apart.unchanged(), rows.frames)
+    assert len(linear.residual) == ROWS
+    for effect in all_effects(apart.conditions.robot).values():
+        if effect.missing(apart.conditions):
+            continue
+        parameter = checked_forms(effect, apart.conditions, apart.channels)[0].parameters[0]
+        step = 1e-5 / max(1e-3, *(float(np.abs(change).max()) for change in parameter.changes.values()))
+        ends = [moved(apart, rows.frames, parameter, size) for size in (-step, step)]
+        read, less = (whiten(apart.measured, seen).residual for seen in ends)
+        expected = parameter.prior_std * (read - less) / (2.0 * step)
+        found = apart.column(parameter, linear)
+        np.testing.assert_allclose(found, expected, atol=1e-4 * max(1.0, np.abs(expected).max()), err_msg=effect.id)
 
 
 def test_orders_of_a_joint_are_said_together():

@@ -59,7 +59,6 @@ def places(model, drives):
 def campaign_of(drives, **measured):
     n = len(drives)
     return Campaign(
-        robot=RobotDefinition.load(ARM),
         path=Path("made.csv"),
         metadata=MADE,
         lines=np.arange(n) + 2,
@@ -68,7 +67,7 @@ def campaign_of(drives, **measured):
         headings={},
         ignored_columns=(),
         drives=drives,
-        **({"position_m": np.full((n, 3), np.nan)} | measured),
+        **({"robot": RobotDefinition.load(ARM), "position_m": np.full((n, 3), np.nan)} | measured),
     )
 
 
@@ -136,6 +135,20 @@ def test_frames_come_from_whatever_was_measured(model, drives, places, seen):
     rows = model.at(drives)
     left = measured.residual(rows.predict(first_frames(rows, measured)))
     assert np.abs(left[np.isfinite(left)]).max() < 1e-6
+
+
+def test_frames_stay_where_nothing_tells_of_them():
+    """A delta does not turn: distances between its poses are the same wherever it and the target stand."""
+    model = RobotModel(robot=str(ARM.parents[2] / "robots" / "delta" / "robot.yaml"))
+    drives = np.random.default_rng(2).uniform(-0.3, 0.6, (24, 3))
+    rows = MeasurementModel(model, ()).at(drives)
+    place = rows.present().position
+    length = np.linalg.norm(place - np.roll(place, 1, axis=0), axis=1)[:, None] + 1e-3
+    start = tuple(f"p{(k - 1) % 24}" for k in range(24))
+    campaign = campaign_of(drives, robot=model.definition, distance_m=length, distance_from=start)
+    frames = first_frames(rows, MeasuredPoses.from_campaign(campaign, NOISE)).frames
+    assert np.abs(frames.T_end_target.translation).max() < 0.1
+    assert np.abs(frames.T_tracker_base.translation).max() < 2.0
 
 
 @pytest.mark.parametrize("seen", ["single coordinates", "distances from a point", "distances between poses"])
