@@ -161,7 +161,8 @@ class Planner:
         names = [*self._frame_names, *(p.name for p in parameters)]
         found = base_parameters(with_prior(rows, self._prior(parameters)), names, lead=self._frame_names)
         if found.deficient:
-            raise UndeterminedError(what, found, set(self._frame_names))
+            reducible = not self.request.reduced and self.request.priors is None
+            raise UndeterminedError(what, found, set(self._frame_names), reducible=reducible)
 
     @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:

@@ -390,7 +390,13 @@ def test_of_frames_alone_no_parameter_is_to_be_left_out():
 def test_too_few_poses_are_refused(robot):
     with pytest.raises(UndeterminedError, match="a plan of 2") as caught:
         Planner(robot, PlanRequest(poses=2, parameters=("drives",), **SMALL)).plan()
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and "--reduce does so" in str(caught.value)
+
+
+def test_no_option_is_advised_that_is_given_already(robot):
+    with pytest.raises(UndeterminedError, match="plan more poses") as caught:
+        Planner(robot, PlanRequest(poses=5, reduce=True, **SMALL)).plan()
+    assert "--reduce" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
