@@ -146,11 +146,12 @@ def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     marked = grid(*[levels] * len(axes)) if edges else np.empty((0, len(axes)))
     wanted = max(0, count - len(marked))
     filled = qmc.Sobol(len(axes), scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
-    step = np.array([axis.step for axis in axes])
+    step, zero = np.array([(axis.step, axis.zero) for axis in axes]).T
     poses = lower + (upper - lower) * np.concatenate([marked, filled])
-    whole = np.clip(np.round(poses / step), np.ceil(lower / step - 1e-9), np.floor(upper / step + 1e-9))
+    least, most = np.ceil((lower - zero) / step - 1e-9), np.floor((upper - zero) / step + 1e-9)
+    whole = np.clip(np.round((poses - zero) / step), least, most)
     _, first = np.unique(whole, axis=0, return_index=True)
-    return np.asarray(whole[np.sort(first)] * step)
+    return np.asarray(zero + whole[np.sort(first)] * step)
 
 
 def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:

@@ -26,9 +26,11 @@ from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -222,6 +224,15 @@ def test_candidates_are_round_figures_inside_the_box(robot):
     assert 390 <= len(np.unique(poses, axis=0)) == len(poses) <= 400
     shown = np.column_stack([poses[:, :3] * 1e4, np.degrees(poses[:, 3]) * 100.0])
     assert shown == pytest.approx(np.round(shown), abs=1e-6)
+
+
+def test_figures_are_round_in_the_table_whatever_a_command_of_zero_is():
+    axes = (CommandAxis(Quantity("q", "angle"), -1.6, 1.9, -2.0, 0.3), CommandAxis(Quantity("s", "length"), 0.1, 0.7))
+    poses = candidate_poses(axes, 200)
+    lower, upper = command_box(axes)
+    assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)
+    for axis, values in zip(axes, poses.T.tolist(), strict=True):
+        assert [float(axis.text(value)) for value in values] == pytest.approx([axis.shown(value) for value in values])
 
 
 def test_plan_is_much_better_than_random_ones(planner, plan):
