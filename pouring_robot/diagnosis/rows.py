@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
+import scipy.sparse
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
@@ -30,6 +31,7 @@ from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, Mo
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
+from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.model import RobotModel
@@ -294,9 +296,22 @@ class CampaignRows:
         for name, change in changes.items():
             total += self.channel(name, linear) * change[linear.row]
             if linear.by_start.size:  # there it may change otherwise
-                place = -1 if name == SCALE else self._places[name]
-                total += linear.by_start[:, place] * (change[linear.start] - change[linear.row])
+                total += self._by_start(name, linear) * (change[linear.start] - change[linear.row])
         return total
+
+    def _by_start(self, name: str, linear: LinearRows) -> FloatArray:
+        """Return what of :meth:`channel` the rows do that readings start from, (m,)."""
+        return linear.by_start[:, -1 if name == SCALE else self._places[name]]
+
+    def moving(self, name: str, linear: LinearRows) -> Channel:
+        """Return how one local parameter that differs from row to row moves the prediction."""
+        column, count = self.channel(name, linear), len(self)
+        if not linear.by_start.size:
+            return Channel(name, column, sums_of(linear.row, count))
+        by_start, equations = self._by_start(name, linear), np.tile(np.arange(len(column)), 2)
+        ends = np.concatenate([linear.row, linear.start]), equations
+        shares = scipy.sparse.csr_array((np.concatenate([column - by_start, by_start]), ends), (count, len(column)))
+        return Channel(name, np.sign(np.abs(column) + np.abs(by_start)), shares)
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad."""

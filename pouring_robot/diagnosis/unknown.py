@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
@@ -102,7 +102,10 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     def inside(name: str) -> Channel:
         return Channel(name, rows.channel(name, linear), places.seen[0].rows)
 
-    base = [inside(f"base.{component}") for component in COMPONENTS]
+    moving = functools.cache(lambda name: rows.moving(name, linear))
+    named = [replace(moving(channel(d)), name=d.symbol, turning=d.unit == "rad") for d in given.robot.drives]
+    places = replace(places, drives=tuple(named))
+    base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
         *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose)),
@@ -112,7 +115,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
         by_chance_at(DRIVES, places.drives, len(given)),
         by_chance_at(given.causes.words.base, base, len(given)),
         *_constant(inside, places),
-        *_joints(inside, given),
+        *_joints(moving, given),
     ):
         if process.seen and (chance or process.by != CHANCE):
             yield process

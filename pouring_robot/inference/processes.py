@@ -1,7 +1,8 @@
-"""Random functions of conditions: what moves, along which course, and inner products that never write columns out.
+"""Random functions of conditions: what moves, along which course, inner products that hardly ever write columns out.
 
 A column of a process is a channel of each equation times a course of each row. All inner products are sums over rows,
-so that their cost is linear in the rows. Nothing here knows the robot.
+so that their cost is linear in the rows; only where an equation is of several rows, as a distance between two, columns
+are written out. Nothing here knows the robot.
 """
 
 from __future__ import annotations
@@ -26,8 +27,14 @@ class Channel:
 
     name: str  # of what moves, in words
     column: FloatArray  # shape (m,)
-    rows: scipy.sparse.csr_array  # which row each equation is of, as a matrix (n, m) that sums them
+    # which row each equation is of, or the share of each that it is of, as a matrix (n, m) that sums them
+    rows: scipy.sparse.csr_array
     turning: bool = False  # whether it counts in rad
+
+    @property
+    def shared(self) -> bool:
+        """Whether there are equations of several rows."""
+        return bool(self.rows.nnz > len(self.column))
 
     def against(self, values: FloatArray) -> FloatArray:
         """Return the inner products, row by row, with values (m, q): shape (n, q)."""
@@ -114,6 +121,8 @@ def _dense(course: Any) -> FloatArray:
 
 def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
     """Return the inner products of two sets of columns, (k, l)."""
+    if any(part.channel.shared for part in (*one, *other)):
+        return np.asarray(columns_of(one).T @ columns_of(other))
     columns = np.column_stack([second.channel.column for second in other])
     return np.vstack([_blocks(first, other, first.channel.against(columns)) for first in one])
 

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.report.sentences import as_zeros_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.unknown import CONSTANT, processes_of
 from pouring_robot.effects import all_effects
-from pouring_robot.effects.base import checked_forms
+from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.families.drives import Scale
 from pouring_robot.effects.made_up import complete_conditions
@@ -23,7 +23,7 @@ from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten
 from pouring_robot.exceptions import MissingConditionsError
-from pouring_robot.inference.processes import columns_of
+from pouring_robot.inference.processes import Channel, Part, between, columns_of, sums_of
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -204,15 +204,15 @@ def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
             assert np.abs(found - expected).max() <= 1e-5 * size, (effect.id, parameter.name)
 
 
-def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows):
+def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows, rng):
     place = rows.predicted(rows.unchanged(), rows.frames).position_m
-    between = {
+    distances = {
         "position_m": np.full((ROWS, 3), np.nan),
         "rotation_vector_rad": None,
         "distance_m": np.linalg.norm(place - np.roll(place, 7, axis=0), axis=1)[:, None],
         "distance_from": tuple(np.roll(rows.campaign.samples, 7).tolist()),
     }
-    apart = CampaignRows(replace(rows.campaign, **between), rows.model, NOISE)
+    apart = CampaignRows(replace(rows.campaign, **distances), rows.model, NOISE)
     linear = apart.linearise(apart.unchanged(), rows.frames)
     assert len(linear.residual) == ROWS
     for effect in all_effects(apart.conditions.robot).values():
@@ -225,6 +225,15 @@ def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows)
         expected = parameter.prior_std * (read - less) / (2.0 * step)
         found = apart.column(parameter, linear)
         np.testing.assert_allclose(found, expected, atol=1e-4 * max(1.0, np.abs(expected).max()), err_msg=effect.id)
+    # What is unknown moves them likewise.
+    name, course = channel(apart.conditions.robot.drives[0]), rng.normal(size=(ROWS, 1))
+    part, plain = (
+        Part(apart.moving(name, linear), course),
+        Part(Channel("", np.ones(ROWS), sums_of(linear.row, ROWS)), course),
+    )
+    expected = apart.column(EffectParameter("any", "rad", 1.0, {name: course[:, 0]}), linear)
+    np.testing.assert_allclose(columns_of([part])[:, 0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(between([plain], [part]), [[course[:, 0] @ expected]], rtol=1e-9)
 
 
 def test_orders_of_a_joint_are_said_together():
