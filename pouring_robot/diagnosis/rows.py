@@ -31,7 +31,7 @@ from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, Mo
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
-from pouring_robot.inference.processes import Channel, sums_of
+from pouring_robot.inference.processes import Channel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.model import RobotModel
@@ -303,14 +303,17 @@ class CampaignRows:
         """Return what of :meth:`channel` the rows do that readings start from, (m,)."""
         return linear.by_start[:, -1 if name == SCALE else self._places[name]]
 
-    def moving(self, name: str, linear: LinearRows) -> Channel:
-        """Return how one local parameter that differs from row to row moves the prediction."""
-        column, count = self.channel(name, linear), len(self)
+    def moving(self, name: str, linear: LinearRows, sums: scipy.sparse.csr_array) -> Channel:
+        """Return how one local parameter that differs from row to row moves the prediction.
+
+        ``sums`` (n, m) say which row each equation is of, as :class:`~pouring_robot.inference.processes.Channel` does.
+        """
+        column = self.channel(name, linear)
         if not linear.by_start.size:
-            return Channel(name, column, sums_of(linear.row, count))
+            return Channel(name, column, sums)
         by_start, equations = self._by_start(name, linear), np.tile(np.arange(len(column)), 2)
         ends = np.concatenate([linear.row, linear.start]), equations
-        shares = scipy.sparse.csr_array((np.concatenate([column - by_start, by_start]), ends), (count, len(column)))
+        shares = scipy.sparse.csr_array((np.concatenate([column - by_start, by_start]), ends), sums.shape)
         return Channel(name, np.sign(np.abs(column) + np.abs(by_start)), shares)
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:

@@ -98,11 +98,9 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     given = rows.conditions
     places = Places.of(given, linear.row, linear.component, linear.sigma, axes, rows.drive_columns(linear))
 
-    @functools.cache
-    def inside(name: str) -> Channel:
-        return Channel(name, rows.channel(name, linear), places.seen[0].rows)
-
-    moving = functools.cache(lambda name: rows.moving(name, linear))
+    sums = places.seen[0].rows
+    inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
+    moving = functools.cache(lambda name: rows.moving(name, linear, sums))
     named = [replace(moving(channel(d)), name=d.symbol, turning=d.unit == "rad") for d in given.robot.drives]
     places = replace(places, drives=tuple(named))
     base = [moving(f"base.{component}") for component in COMPONENTS]

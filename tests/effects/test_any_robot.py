@@ -227,10 +227,8 @@ def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows,
         np.testing.assert_allclose(found, expected, atol=1e-4 * max(1.0, np.abs(expected).max()), err_msg=effect.id)
     # What is unknown moves them likewise.
     name, course = channel(apart.conditions.robot.drives[0]), rng.normal(size=(ROWS, 1))
-    part, plain = (
-        Part(apart.moving(name, linear), course),
-        Part(Channel("", np.ones(ROWS), sums_of(linear.row, ROWS)), course),
-    )
+    sums = sums_of(linear.row, ROWS)
+    part, plain = Part(apart.moving(name, linear, sums), course), Part(Channel("", np.ones(ROWS), sums), course)
     expected = apart.column(EffectParameter("any", "rad", 1.0, {name: course[:, 0]}), linear)
     np.testing.assert_allclose(columns_of([part])[:, 0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(between([plain], [part]), [[course[:, 0] @ expected]], rtol=1e-9)
