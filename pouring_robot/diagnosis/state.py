@@ -136,7 +136,7 @@ class Diagnoser:
         """
         if of_every_row:
             return self._problem(state, state.every_row, self.library)
-        return replace(self._problem(state, state.linear, self.library), whole_squared=self._gap_squared)
+        return replace(self._problem(state, state.linear, self.library), given_squared=self._gap_squared)
 
     def _problem(self, state: State, linear: LinearRows, library: Library) -> Problem:
         residual = linear.residual + self._signature(state.parameters, state.values, linear)

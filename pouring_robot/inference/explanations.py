@@ -111,14 +111,9 @@ class Problem:
     nuisance: Nuisance  # what free unknowns explain
     workmanship: tuple[Workmanship, ...]  # its kinds
     explanations: tuple[Explanation, ...]  # forms of effects
-    # squared size of the gap, where the residual is not all of it but what is left with something put in, and to first
-    # order given back; None: the residual's
-    whole_squared: float | None = None
-
-    @property
-    def gap_squared(self) -> float:
-        """Squared size of the whole gap, in noise variances."""
-        return self.gram.squared if self.whole_squared is None else self.whole_squared
+    # squared size of the gap of the given model, in noise variances; where something was put in and, to first order,
+    # given back, the residual is another
+    given_squared: float = math.inf
 
     @classmethod
     def build(
@@ -193,8 +188,7 @@ class Problem:
 
     def under(self, factor: float) -> Problem:
         """Return the problem where the noise is so many times as large: its gram and residual, not its columns."""
-        whole = self.whole_squared and self.whole_squared / factor**2
-        problem = replace(self, residual=self.residual / factor, whole_squared=whole)
+        problem = replace(self, residual=self.residual / factor, given_squared=self.given_squared / factor**2)
         vars(problem)["gram"] = self.gram.under(factor)
         return problem
 

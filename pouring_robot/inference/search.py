@@ -32,7 +32,8 @@ def search(
     current = _found(start.settled() if start else Hypothesis.nothing(problem), thresholds)
     for _ in range(_MOST_REFUSED):
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, thresholds)]
-        wrong = wrong or cancelled(current, thresholds)  # they have grown since they were found
+        # Put into the robot, causes that undo each other may grow beyond all measure.
+        wrong = wrong or cancelled(current, problem.given_squared, thresholds)
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
@@ -55,7 +56,7 @@ def _ascended(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
         # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
         close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
         close = [backward(reconsidered(h), thresholds) for h in close]
-        close = [h for h in close if not cancelled(h, thresholds)]
+        close = [h for h in close if not cancelled(h, h.problem.gram.squared, thresholds)]
         best = max(close, key=lambda h: h.log_evidence, default=current)
         if best.log_evidence < current.log_evidence + thresholds.least_evidence:
             break
@@ -80,14 +81,15 @@ def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
         # As far behind it does not catch up when its neighbours are reconsidered.
         if rest.log_evidence > current.log_evidence - _BRANCH_BEHIND and rest.of_effect(effect):
             rest = backward(reconsidered(rest), thresholds)
-            if rest.log_evidence > current.log_evidence + 1e-6 and not cancelled(rest, thresholds):
+            better = rest.log_evidence > current.log_evidence + 1e-6
+            if better and not cancelled(rest, rest.problem.gram.squared, thresholds):
                 current = rest
     return current
 
 
-def cancelled(hypothesis: Hypothesis, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[int]:
-    """Return the causes, by index, whose parts are so large that others undo them."""
-    most = thresholds.most_cancelled**2 * hypothesis.problem.gap_squared
+def cancelled(hypothesis: Hypothesis, gap_squared: float, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[int]:
+    """Return the causes, by index, whose parts are so much larger than a gap that others undo them."""
+    most = thresholds.most_cancelled**2 * gap_squared
     return [k for k, item in enumerate(hypothesis.items) if item.cause and hypothesis.squared_size(k) > most]
 
 

@@ -13,5 +13,5 @@ def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(h
 def test_the_gap_is_that_of_the_given_model_wherever_the_search_has_come(hot):
     diagnoser = hot.diagnoser
     rest = diagnoser.problem_at(diagnoser.at_rest())
-    assert hot.hypothesis.problem.gap_squared == pytest.approx(rest.gram.squared, rel=1e-9)
+    assert hot.hypothesis.problem.given_squared == pytest.approx(rest.gram.squared, rel=1e-9)
     assert hot.hypothesis.problem.gram.squared != pytest.approx(rest.gram.squared, rel=1e-9)
