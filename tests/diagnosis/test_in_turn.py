@@ -20,7 +20,10 @@ def turned(residual, free):
     rows, no = np.arange(ROWS), np.zeros(ROWS)
     jacobian = np.zeros((ROWS, 12))
     jacobian[:, : free.shape[1]] = free / SIGMA
-    linear = LinearRows(residual, rows, 0 * rows, no + SIGMA, jacobian, jacobian, no, np.zeros((ROWS, 0), dtype=bool))
+    none = np.zeros((ROWS, 0))
+    linear = LinearRows(
+        residual, rows, 0 * rows, no + SIGMA, jacobian, jacobian, no, own=none.astype(bool), start=rows, by_start=none
+    )
     state = SimpleNamespace(every_row=linear)
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
