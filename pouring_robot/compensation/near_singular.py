@@ -12,7 +12,7 @@ import numpy as np
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
-from pouring_robot.mechanism.poses import joint_reach
+from pouring_robot.mechanism.joint_limits import joint_reach
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring, freedoms, longest_steps
 from pouring_robot.robot.location import Location
 from pouring_robot.robot.robot import Robot

@@ -16,8 +16,9 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.mechanism.joint_limits import JointReach
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import JointReach, PoseDifference
+from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.poses import PlatformPose

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
-from pouring_robot.mechanism.poses import joint_reach
+from pouring_robot.mechanism.joint_limits import joint_reach
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines

@@ -30,8 +30,8 @@ from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity, dexterity
+from pouring_robot.mechanism.joint_limits import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
-from pouring_robot.mechanism.poses import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import parsed

@@ -9,7 +9,7 @@ import pytest
 
 from pouring_robot.compensation.pose import commands_csv, compensate
 from pouring_robot.exceptions import BadInputError, CompensationError, UnknownFrameError, UnreachablePoseError
-from pouring_robot.mechanism.poses import joint_reach
+from pouring_robot.mechanism.joint_limits import joint_reach
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose

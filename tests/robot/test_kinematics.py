@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import JointReach, joint_reach
+from pouring_robot.mechanism.joint_limits import JointReach, joint_reach
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose

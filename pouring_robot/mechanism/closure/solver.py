@@ -21,7 +21,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
-from pouring_robot.mechanism.poses import ROUND_OFF
+from pouring_robot.mechanism.joint_limits import ROUND_OFF
 from pouring_robot.report.result import Result
 
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations

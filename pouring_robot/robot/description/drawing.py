@@ -12,8 +12,8 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
+from pouring_robot.mechanism.joint_limits import within
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import ROUND_OFF
 
 _KEPT = 4
 _AGREE_M, _MOST_STEPS = 1e-12, 20
@@ -88,11 +88,11 @@ class HomeDrawing:
     def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
         """As :meth:`Drawing.in_reach`."""
         values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
-        within = np.asarray(np.isfinite(start.position).all(axis=1))
+        reached = np.asarray(np.isfinite(start.position).all(axis=1))
         for name, (lower, upper) in limits.items():
             if name in values and name not in self.mechanism.loops.locked_joints:
-                within &= (values[name] >= lower - ROUND_OFF) & (values[name] <= upper + ROUND_OFF)
-        return within
+                reached &= within(values[name], lower, upper)
+        return reached
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """As :meth:`Drawing.configuration_at`."""

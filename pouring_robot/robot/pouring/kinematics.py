@@ -17,7 +17,7 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.poses import ROUND_OFF, joint_reach, refuse_beyond
+from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond, within
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -109,7 +109,7 @@ class FourUPUKinematics:
 
     def _within(self, values: FloatArray, names: Sequence[str]) -> NDArray[np.bool_]:
         lower, upper = np.transpose([self._limits[name] for name in names])
-        return np.asarray(((values >= lower - ROUND_OFF) & (values <= upper + ROUND_OFF)).all(axis=1))
+        return np.asarray(within(values, lower, upper).all(axis=1))
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
         """Return where there is a closed pose with all joints within their limits, (n,)."""

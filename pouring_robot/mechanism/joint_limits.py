@@ -1,0 +1,72 @@
+"""How joints stand within their limits, and what refuses those beyond."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pouring_robot.exceptions import UnreachablePoseError
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+
+ROUND_OFF = 1e-9
+"""Joint values are known to this, in m or rad: shorter steps of closures and of Newton are round-off, if they no longer
+shrink. What stands beyond a limit by no more stands on it."""
+
+
+def within(values: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
+    """Return which values, in m or rad, stand within limits, or beyond them by round-off."""
+    return np.asarray((values >= lower - ROUND_OFF) & (values <= upper + ROUND_OFF))
+
+
+@dataclass(frozen=True)
+class JointReach:
+    """How one joint stands within its limits at a pose."""
+
+    joint: str
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
+    value: float  # where it stands
+    lower: float  # lower limit
+    upper: float  # upper limit
+
+    @property
+    def margin(self) -> float:
+        """Distance to the nearer limit, negative beyond it."""
+        return min(self.value - self.lower, self.upper - self.value)
+
+    @property
+    def relative_margin(self) -> float:
+        """The margin as a share of the joint's range, so that lengths and angles compare."""
+        return self.margin / (self.upper - self.lower)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it stands beyond a limit, and by more than round-off."""
+        return self.margin < -ROUND_OFF
+
+    @property
+    def inside(self) -> float:
+        """Where it stands, or the limit that it stands beyond."""
+        return min(max(self.value, self.lower), self.upper)
+
+
+def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
+    """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
+
+    Joints without limits, locked ones, what follows these, and those that cannot move are left out.
+    """
+    limits, locked = mechanism.joint_limits(), {*mechanism.loops.locked_joints}
+    locked |= {mimic.joint for mimic in mechanism.mimics if mimic.leader in locked}
+    moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
+    reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
+    return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def refuse_beyond(reaches: Sequence[JointReach]) -> None:
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the first of them.
+
+    As :func:`joint_reach` sorts them, that is the one furthest beyond as a share of its range.
+    """
+    if worst := next((reach for reach in reaches if reach.beyond), None):
+        raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
