@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.path import NOT_FOUND, compensate_path
+from pouring_robot.compensation.path import compensate_path
 from pouring_robot.compensation.pose import compensate
 from pouring_robot.exceptions import BadInputError, UnreachablePoseError
 from pouring_robot.mechanism.closure.energy import Loads
@@ -95,12 +95,14 @@ def test_neighbours_share_what_is_only_a_start(robot):
 
 
 def test_what_has_no_answer_says_why(robot):
-    far = np.array([[-0.1, 0.0, -0.6, 0.3], [-0.1, 0.0, -1.4, 0.3], [5.0, 5.0, -0.1, 0.0]])
+    """Also where loops do not close, stay open or are closed elsewhere: the limits, as pose by pose."""
+    far = np.array([[-0.1, 0.0, -0.6, 0.3], [-0.1, 0.0, -1.4, 0.3], [50.0, 0.0, -0.6, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    far = np.vstack([far, [-0.1, 0.0, -0.6, 100.0]])
     path = compensate_path(HeatedRobot(robot), far)
-    assert path.status[0] == "closed" and path.status[1] == OUT_OF_REACH and path.status[2] != "closed"
-    assert np.isfinite(path.drives[0]).all() and np.isnan(path.drives[1:]).all()
-    assert "1 of 3 poses" in path.headline and list(path.to_frame().status) == list(path.status)
-    assert NOT_FOUND not in path.status[:2]
+    assert path.status.tolist() == ["closed", *[OUT_OF_REACH] * 4]
+    for values in (path.drives, path.before_m, path.left):
+        assert np.isfinite(values[0]).all() and np.isnan(values[1:]).all()
+    assert "1 of 5 poses" in path.headline and list(path.to_frame().status) == list(path.status)
 
 
 def test_where_loops_stay_open_it_says_so(robot):
