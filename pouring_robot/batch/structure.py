@@ -59,10 +59,15 @@ class Structure:
         """Number of sites."""
         return len(self.site_joints)
 
+    @property
+    def placed_joints(self) -> tuple[str, ...]:
+        """The joints whose placements make the pose: those of the sites that are used."""
+        return tuple(filter(None, self.site_joints))
+
     @functools.cached_property
     def parameters(self) -> tuple[PlacementParameter, ...]:
         """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
-        return placement_parameters(filter(None, self.site_joints))
+        return placement_parameters(self.placed_joints)
 
     def joints(self, configurations: FloatArray) -> FloatArray:
         """Return the engine's joints, n first, from Pinocchio configurations (n, nq)."""
@@ -79,7 +84,7 @@ class Structure:
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
         if joint not in self.site_joints or not joint:
-            raise UnknownJointError(joint, filter(None, self.site_joints))
+            raise UnknownJointError(joint, self.placed_joints)
         return self.site_joints.index(joint)
 
 

@@ -29,7 +29,7 @@ def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
 def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
     """Return the same with nothing missing but several sessions; figures of no machine."""
     bare = bare_conditions(robot, rows)
-    joints = tuple(filter(None, engine_for(robot.mechanism()).structure.site_joints))
+    joints = engine_for(robot.mechanism()).structure.placed_joints
     members = [member for kind in causes_of(robot).thermometers if kind.expected for member in kind.members]
     return replace(
         bare,

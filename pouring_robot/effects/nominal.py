@@ -16,7 +16,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     """Return what the drawing says of rows that its engine, without errors, closed, all of them."""
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
-    joints = tuple(filter(None, engine.structure.site_joints))
+    joints = engine.structure.placed_joints
     turns = [turn for turn in engine.structure.parameters if turn.unit == "rad"]
     moved = engine.transfer(closure, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)

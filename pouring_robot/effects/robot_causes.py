@@ -89,7 +89,7 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
 
     A bearing is expected to be as soft as its drive; what carries drives, and slides, as the strongest of them.
     """
-    axes = {joint: _axis(mechanism, joint) for joint in filter(None, engine_for(mechanism).structure.site_joints)}
+    axes = {joint: _axis(mechanism, joint) for joint in engine_for(mechanism).structure.placed_joints}
     if mechanism.anchors or not any(axis.any() for axis in axes.values()):
         return
     turning = tuple(drive for drive in robot.drives if drive.unit == "rad")
@@ -140,7 +140,7 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
 
 
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
-    joints = tuple(filter(None, engine_for(mechanism).structure.site_joints))  # whose placements make the pose
+    joints = engine_for(mechanism).structure.placed_joints
     said = [name.partition(".t") for name in (joints if robot.file.places is None else robot.file.places)]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}

@@ -59,9 +59,7 @@ class ParameterCatalogue:
         self._sets, self._groups = definition.parameter_sets, definition.parameter_groups
         self.drives = drive_parameters(nominal)
         self.table = definition.dh_table(nominal)
-        self.joints = (
-            self.table.joints if self.table else tuple(filter(None, engine_for(nominal).structure.site_joints))
-        )
+        self.joints = self.table.joints if self.table else engine_for(nominal).structure.placed_joints
         self.placements = placement_parameters(self.joints)
         chains = self.table.chains.items() if self.table else ()
         chain_of = {joint: n for n, chain in chains for joint in chain.joints}

@@ -88,8 +88,8 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
 
 @functools.lru_cache(maxsize=16)
 def _chain_joints(robot: RobotDefinition) -> tuple[str, ...]:
-    """Return the joints whose placements make the pose: links carry all apart, also those made where they are drawn."""
-    return tuple(filter(None, engine_for(robot.mechanism()).structure.site_joints))
+    """Return the joints that links carry apart: all whose placements make the pose, also those made as drawn."""
+    return engine_for(robot.mechanism()).structure.placed_joints
 
 
 def _lever(placed: pin.SE3) -> FloatArray:
