@@ -136,7 +136,10 @@ class Diagnoser:
         """
         if of_every_row:
             return self._problem(state, state.every_row, self.library)
-        return replace(self._problem(state, state.linear, self.library), given_squared=self._gap_squared)
+        problem = self._problem(state, state.linear, self.library)
+        if state.frames is self._frames_at_rest:  # worked out by itself it would linearise all rows once more
+            vars(self)["_gap_squared"] = float(problem.residual @ problem.residual)
+        return replace(problem, given_squared=self._gap_squared)
 
     def _problem(self, state: State, linear: LinearRows, library: Library) -> Problem:
         residual = linear.residual + self._signature(state.parameters, state.values, linear)
