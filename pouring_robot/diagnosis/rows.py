@@ -304,13 +304,11 @@ class CampaignRows:
         return linear.by_start[:, -1 if name == SCALE else self._places[name]]
 
     def moving(self, name: str, linear: LinearRows, sums: scipy.sparse.csr_array) -> Channel:
-        """Return how one local parameter that differs from row to row moves the prediction.
+        """Return how one local parameter that differs from row to row moves readings that start from other rows.
 
         ``sums`` (n, m) say which row each equation is of, as :class:`~pouring_robot.inference.processes.Channel` does.
         """
         column = self.channel(name, linear)
-        if not linear.by_start.size:
-            return Channel(name, column, sums)
         by_start, equations = self._by_start(name, linear), np.tile(np.arange(len(column)), 2)
         ends = np.concatenate([linear.row, linear.start]), equations
         shares = scipy.sparse.csr_array((np.concatenate([column - by_start, by_start]), ends), sums.shape)

@@ -99,10 +99,11 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     places = Places.of(given, linear.row, linear.component, linear.sigma, axes, rows.drive_columns(linear))
 
     sums = places.seen[0].rows
-    inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
-    moving = functools.cache(lambda name: rows.moving(name, linear, sums))
-    named = [replace(moving(channel(d)), name=d.symbol, turning=d.unit == "rad") for d in given.robot.drives]
-    places = replace(places, drives=tuple(named))
+    inside = moving = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
+    if linear.by_start.size:  # what differs from row to row moves both ends of a reading, each by its own row
+        moving = functools.cache(lambda name: rows.moving(name, linear, sums))
+        named = [replace(moving(channel(d)), name=d.symbol, turning=d.unit == "rad") for d in given.robot.drives]
+        places = replace(places, drives=tuple(named))
     base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
