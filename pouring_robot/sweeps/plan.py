@@ -226,12 +226,12 @@ class SweepPlan:
         """Everything the numbers depend on, and how they are laid out; texts of files as SHA-256."""
         told_otherwise = {"description", "allocation", "accuracy_mm", "model", "robot"}
         config = self.config.model_dump(mode="json", exclude=told_otherwise)
-        offsets = self.model.drive_offset_values()
+        said = {"drive_offsets": self.model.drive_offset_values(), "home": self.model.definition.file.home}
         return {
             "config": config,
             "parameters": list(self.names),
             "urdf": _digest(self.mechanism.urdf.encode()),
-            **({"drive_offsets": offsets} if offsets else {}),
+            **{name: values for name, values in said.items() if values},
             "loops": _digest(self.mechanism.loops.model_dump_json().encode()),
             "poses": _digest(self.poses.poses.tobytes()),
             "version": pouring_robot.__version__,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, SweepStoreError
 from pouring_robot.robot.robot import Robot
 from pouring_robot.sweeps import SweepConfig, SweepPlan, sweep
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
@@ -45,6 +45,20 @@ def test_processes_and_resumed_runs_agree(tmp_path):
     shared = sweep(plan, tmp_path / "b", workers=2).to_dataset().displacement.values
     np.testing.assert_array_equal(alone, shared)
     assert np.isfinite(alone).all()
+
+
+def test_a_locked_joint_that_is_held_elsewhere_makes_another_sweep(tmp_path):
+    """Commands and description are the same; the home says where it is held."""
+    text = (ROBOTS / "arm" / "robot.yaml").read_text(encoding="utf-8").replace("xacro: ", f"xacro: {ROBOTS}/arm/")
+    text = text.replace("  - {joint: joint5, column: q5}\n", "") + "locked_joints: [joint5]\n"
+    (study := tmp_path / "s.yaml").write_text(STUDY.format(robot="robot.yaml", study="one_at_a_time"), encoding="utf-8")
+    plans = []
+    for home in ("1.5", "0.5"):
+        (tmp_path / "robot.yaml").write_text(text.replace("1.5707963267948966", home), encoding="utf-8")
+        plans.append(SweepPlan.load(study))
+    sweep(plans[0], tmp_path / "out")
+    with pytest.raises(SweepStoreError, match="results of another sweep .it differs in home."):
+        sweep(plans[1], tmp_path / "out", resume=True)
 
 
 @pytest.mark.parametrize(
