@@ -204,7 +204,7 @@ class SweepConfig(StrictModel):
         path = Path(path)
         content = read_yaml(path)
         config = validate(cls, content, path)
-        config._folder, config._source = path.parent, path
+        config._folder, config._source = path.absolute().parent, path
         entries = content.get("errors", ())
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
         return config

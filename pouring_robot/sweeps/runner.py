@@ -65,8 +65,10 @@ def sweep(
     expect(plan, SweepPlan, "a sweep is a SweepPlan, a SweepConfig or the path of a file")
     if plan.config.model is not None:
         plan.model.warn_of_left_out("sweep", str(plan.config.model))
+    expect(out, Path | str, "the folder for results is a path")
+    folder = Path(out).absolute()  # wherever the process goes before the report is saved
     store = run_sweep(
-        plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
+        plan, folder, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
     )
     return report(store, progress)
 

@@ -57,7 +57,7 @@ def test_a_locked_joint_that_is_held_elsewhere_makes_another_sweep(tmp_path):
         (tmp_path / "robot.yaml").write_text(text.replace("1.5707963267948966", home), encoding="utf-8")
         plans.append(SweepPlan.load(study))
     sweep(plans[0], tmp_path / "out")
-    with pytest.raises(SweepStoreError, match="results of another sweep .it differs in home."):
+    with pytest.raises(SweepStoreError, match="results of another sweep"):
         sweep(plans[1], tmp_path / "out", resume=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from pouring_robot.cli.app import main
-from pouring_robot.sweeps import SweepPlan
+from pouring_robot.sweeps import SweepConfig, SweepPlan, sweep
 from tests.support import ACTUAL
 from tests.sweeps.sweep_files import content, snapshot, write
 
@@ -169,6 +169,18 @@ def test_poses_from_a_file_beside_the_sweep_file(tmp_path):
     (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,20,-600,10\n-120,0,-500,0\n")
     plan = SweepPlan.load(write(tmp_path, poses={"file": "poses.csv"}))
     assert plan.poses.poses[:, 1].tolist() == [0.020, 0.0]
+
+
+def test_relative_paths_mean_the_folder_in_which_they_were_said(tmp_path, monkeypatch):
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,20,-600,10\n")
+    monkeypatch.chdir(tmp_path)
+    config = SweepConfig.load(write(tmp_path, poses={"file": "poses.csv"}).name)
+    found = sweep(config, "out")
+    monkeypatch.chdir(elsewhere)
+    assert SweepPlan(config).content_hash == found.store.plan.content_hash
+    assert {path.parent for path in found.save()} == {tmp_path / "out"} and not [*elsewhere.iterdir()]
+    assert found.to_dataset().displacement.notnull().all()
 
 
 def test_a_grid_reaches_the_ends_of_the_workspace_and_a_box_narrows_it(make_plan):
