@@ -10,14 +10,14 @@ Any other robot is brought to where its drawing would stand, its place first, th
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot.compensation.near_singular import bring_to
-from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError
+from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, SingularPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
@@ -325,11 +325,16 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     ``frame``: that shall be there; by default the one whose error counts.
 
     Raises:
-        BadInputError: it is no location.
+        BadInputError: it is no location, or one of another drawing.
         UnknownFrameError: there is no such frame.
         NoSolutionError: a joint would pass its limits, or the loops do not close on the way.
     """
     expect(wanted, Location, "what is wanted is a Location, as robot.location_at(drives) returns")
+    if wanted.nominal.mechanism.urdf != robot.nominal_solver.mechanism.urdf:
+        raise BadInputError("what is wanted is a location of another drawing than this robot's")
+    if wanted.actual.mechanism is not robot.actual_solver.mechanism:  # of the drawing, or of another robot built by it
+        here = np.array(list(wanted.drives.values()))
+        wanted = replace(wanted, actual=robot.close_actual(here, wanted.nominal.configuration))
     frame = frame or wanted.loops.working_frame
     nominal, actual = wanted.poses(frame)
     found, singular = bring_to(robot, wanted, Target(nominal.translation, nominal.rotation, frame))

@@ -7,6 +7,7 @@ import pytest
 from pouring_robot.compensation.pose import compensate_drives, drive_notes, drives_csv
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import ROBOTS, commands, crooked
 
@@ -69,7 +70,18 @@ def test_the_drawing_needs_none():
     assert "without compensation" in found.headline
 
 
+def test_a_location_of_the_drawing_is_as_good_as_the_robots_own(crooked):
+    """How far off the robot is without compensation is its own matter; a location of the drawing is 0 mm off."""
+    drives = commands(crooked, 1, seed=4)[0]
+    drawing = Robot.load(RobotModel.for_robot(crooked.model.definition))
+    own, found = (compensate_drives(crooked, robot.location_at(drives)) for robot in (crooked, drawing))
+    assert found.before.distance_m == pytest.approx(own.before.distance_m, rel=1e-9)
+    assert (found.drives, found.status) == (pytest.approx(own.drives, abs=1e-9), own.status)
+
+
 def test_what_is_no_location_is_refused():
     robot = Robot.load("examples/robots/delta/robot.yaml")
+    with pytest.raises(BadInputError, match="a location of another drawing"):
+        compensate_drives(robot, PouringRobot().location_in_the_middle())
     with pytest.raises(BadInputError, match=r"a Location, as robot.location_at\(drives\) returns, not a list"):
         compensate_drives(robot, [0.2, 0.1, 0.0])
