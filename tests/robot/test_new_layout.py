@@ -11,6 +11,7 @@ from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import load_robot
+from pouring_robot.thermal.network.elements import LegGrid
 
 
 def test_its_defaults_are_the_papers_robot():
@@ -64,6 +65,16 @@ def test_the_file_says_what_the_owner_said(tmp_path):
     assert "paper's robot" not in text.split("layouts:")[1]
     assert text.count("as the owner says") == 2
     assert load_layout("own", path).ladle.tare == load_layout().ladle.tare
+
+
+def test_rods_are_as_long_as_the_longest_leg(tmp_path):
+    """Heat goes all the way; the warm end of a rod that ends in the air would count for the whole leg."""
+    tall = dataclasses.replace(NewLayout.usual(), name="tall", fixed_mm=(1500.0, 1500.0), z_mm=(-3000.0, -2500.0))
+    (path := tmp_path / "layouts.yaml").write_text(tall.file_text(), encoding="utf-8")
+    entry = load_layout("tall", path).entry
+    longest = max(entry.joint_limits.s3.metres)
+    way = LegGrid.of(entry.leg, 20, 5).path_weights_m(np.full(4, longest))
+    np.testing.assert_allclose(way.sum(axis=1), longest)
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,11 @@ class NewLayout:
         ):
             if getattr(self, key) != getattr(usual, key):
                 _say(place, value, unit, _OWNER)
-        for key, (pair, unit) in self.limits().items():
+        limits, leg = self.limits(), content["common"]["leg"]
+        through = limits["s3"][0][1] + leg["housing_above"]["value"]  # the rod runs past the nut, heat goes that way
+        if through > leg["spindle_length"]["value"]:
+            _say(leg["spindle_length"], round(through, 3), "mm", "through the housing at full reach")
+        for key, (pair, unit) in limits.items():
             whose = _OWNER if key == "s3" and self.stroke_mm else "what the workspace needs"
             _say(entry["joint_limits"][key], list(pair), unit, whose)
         return yaml_text(content, width=120)
