@@ -74,8 +74,9 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             found[quantity.name] = values
             continue
         try:
-            numbers = np.asarray(values, dtype=float)
-        except ValueError:
+            # What is masked nobody said.
+            numbers: FloatArray = np.asarray(np.ma.filled(np.ma.array(values, dtype=float), np.nan))
+        except (TypeError, ValueError):
             numbers = np.array(np.nan)
         if UNITS[quantity.kind]:
             numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))

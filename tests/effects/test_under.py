@@ -237,6 +237,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({"leg1_degC": [20.0, 1e300]}, "leg1_degC of command 2: 1e+300 degC is hotter than any melt"),
         ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),
         ({"time_s": [1.0, np.nan]}, "time_s: give a finite number for every command"),
+        ({"time_s": np.ma.masked_equal([1.0, 0.0], 0.0)}, "time_s: give a finite number for every command"),
         ({"leg1_degC": -300.0}, "leg1_degC: -300 degC lies below absolute zero"),
         ({"leg1_degC": [20.0, 9999.0]}, "leg1_degC of command 2: 9999 degC is hotter than any melt"),
         ({"payload_kg": -3.0}, "payload_kg: -3 kg is no load, which is 0 to 10000 kg"),
