@@ -127,6 +127,8 @@ def test_drives_are_not_commanded_beyond_their_limits(robot):
 def test_what_cannot_be_done_in_a_batch_is_refused(robot):
     with pytest.raises(BadInputError, match="shape"):
         compensate_path(HeatedRobot(robot), WANTED[:, :3])
+    with pytest.raises(BadInputError, match="threads"):
+        compensate_path(HeatedRobot(robot), WANTED, threads=0)
     with pytest.raises(BadInputError, match="under loads"):
         compensate_path(HeatedRobot(PouringRobot(robot.model, Loads(gravity=True))), WANTED)
 

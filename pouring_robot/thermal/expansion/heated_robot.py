@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import expect
+from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
@@ -259,7 +259,7 @@ class HeatedRobot:
 
 def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show: Progress = say_nothing) -> FloatArray:
     """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
-    strain = np.zeros((len(poses), 6))
+    strain, threads = np.zeros((len(poses), 6)), whole(threads, 1, "threads are a number of them, from 1 on")
     if heated.heat is None or not len(poses):
         return strain
     done, network = [0], heated.network
