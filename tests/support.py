@@ -146,7 +146,8 @@ def round_off(condition=1.0, scale=1.0, terms=1):
 def closure_condition(solver, result):
     """Return condition number and size of what G is solved with: the energy's Hessian, scaled to a unit diagonal."""
     energy = solver.energy
-    block = energy.reduced_block(energy.hessian(energy.evaluate(result.configuration, result.commanded)))
+    hessian = energy.hessian(energy.evaluate(result.configuration, result.commanded))
+    block = energy.basis.T @ hessian @ energy.basis
     scale = 1.0 / np.sqrt(np.diagonal(block))
     return np.linalg.cond(block * scale[:, None] * scale), len(block)
 

@@ -49,11 +49,8 @@ def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
     """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad; NaN where a component is missing."""
     from scipy.spatial.transform import Rotation
 
-    known = np.isfinite(rotation_vectors_rad).all(axis=-1)
-    matrices = np.full((*known.shape, 3, 3), np.nan)
-    if known.any():
-        matrices[known] = Rotation.from_rotvec(rotation_vectors_rad[known]).as_matrix()
-    return matrices
+    turns = Rotation.from_rotvec(rotation_vectors_rad.reshape(-1, 3))
+    return np.asarray(turns.as_matrix().reshape(*rotation_vectors_rad.shape, 3))
 
 
 def rotation_vectors(matrices: FloatArray) -> FloatArray:

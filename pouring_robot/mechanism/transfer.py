@@ -109,7 +109,8 @@ def closed_chain_transfer(
     placed = PlacedTwists(mechanism, energy.data, parameters)
     twists, direct = _observed(energy, placed, frame)
     motion, gradient_change = _imposed(solver, result, state, hessian, placed)
-    motion -= _answer(energy, hessian, gradient_change, twists)
+    basis = energy.basis
+    motion -= basis @ _answer(basis.T @ hessian @ basis, basis.T @ gradient_change, twists @ basis)
     return TransferMatrix(frame, placed.parameters, twists @ motion + direct, motion)
 
 
@@ -167,13 +168,15 @@ def _imposed(
     return motion, change
 
 
-def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return how the joints answer a change of the gradient, (nv, n); what idles must not show in ``twists``."""
-    block, wanted = energy.reduced_block(hessian), energy.reduced(gradient_change)
-    if not block.size or not wanted.size:
-        return energy.expanded(wanted)
-    scale = unit_scale(block)
-    scaled = block * scale[:, None] * scale
+def _answer(hessian: FloatArray, wanted: FloatArray, twists: FloatArray) -> FloatArray:
+    """Return how the free joints answer a change of their gradient, (free, n); what idles must not show in ``twists``.
+
+    All are by the free joints: the Hessian, (free, free), and the observed frame's twists, (6, free).
+    """
+    if not hessian.size or not wanted.size:
+        return wanted
+    scale = unit_scale(hessian)
+    scaled = hessian * scale[:, None] * scale
     values = np.linalg.eigvalsh(scaled)
     if values[0] > SINGULAR_RATIO * values[-1]:
         factor = eigenpy.LLT(scaled)
@@ -181,9 +184,9 @@ def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatAr
         # One column comes back from Eigen as a vector.
         solution = factor.solve(wanted).reshape(wanted.shape)
         solution += factor.solve(wanted - scaled @ solution).reshape(wanted.shape)
-        return energy.expanded(scale[:, None] * solution)
-    spectrum = Spectrum.of(block)
-    shown = np.abs(twists @ energy.expanded(spectrum.idle)).max(initial=0.0)
+        return np.asarray(scale[:, None] * solution)
+    spectrum = Spectrum.of(hessian)
+    shown = np.abs(twists @ spectrum.idle).max(initial=0.0)
     if not spectrum.is_semidefinite or shown > _IDLE or spectrum.left_out(wanted).max() > _IDLE:
         raise SingularPoseError(spectrum.ratio)
-    return energy.expanded(spectrum.solve(wanted))
+    return spectrum.solve(wanted)

@@ -91,8 +91,8 @@ def remainder(solver, result):
     """Return how far (m or rad) the minimum is from a result, by the exact Hessian there, and its lowest eigenvalue."""
     energy = solver.energy
     state = energy.evaluate(result.configuration, result.commanded)
-    hessian = energy.reduced_block(energy.hessian(state))
-    step = np.linalg.solve(hessian, energy.reduced(state.gradient))
+    hessian = energy.basis.T @ energy.hessian(state) @ energy.basis
+    step = np.linalg.solve(hessian, energy.basis.T @ state.gradient)
     return np.abs(step).max(), np.linalg.eigvalsh(hessian)[0]
 
 

@@ -187,26 +187,9 @@ class ClosureEnergy:
         return np.sort(np.concatenate([self.mechanism.passive_columns, yielding]))
 
     @functools.cached_property
-    def _basis(self) -> FloatArray:
-        """How all joints move with the free ones, (nv, free)."""
+    def basis(self) -> FloatArray:
+        """How all velocity columns move with the free ones, (nv, free)."""
         return np.asarray(self.mechanism.coupling[:, self.free_columns])
-
-    def reduced(self, gradient: FloatArray) -> FloatArray:
-        """Return the part of a gradient by all velocity columns that the free ones feel; (nv, ...) to (free, ...)."""
-        return np.asarray(self._basis.T @ gradient)
-
-    def reduced_block(self, hessian: FloatArray) -> FloatArray:
-        """Return the free columns' part of a Hessian over all velocity columns; (nv, nv) to (free, free)."""
-        return np.asarray(self._basis.T @ hessian @ self._basis)
-
-    def expanded(self, motion: FloatArray) -> FloatArray:
-        """Return the motion of all velocity columns for one of the free ones; (free, ...) to (nv, ...)."""
-        return np.asarray(self._basis @ motion)
-
-    @property
-    def can_close(self) -> bool:
-        """Whether the loops of a sound mechanism close exactly: no weight forces them."""
-        return not self.loads.gravity
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
         """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""

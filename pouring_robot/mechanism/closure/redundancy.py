@@ -63,8 +63,8 @@ def disagreement(
     pin.updateFramePlacements(energy.model, energy.data)
     weight = energy.root_stiffness / np.sqrt(mechanism.loops.stiffness_si[0])
     rows = weight * state.jacobian.reshape(-1, energy.model.nv)
-    free, driven = energy.reduced(rows.T).T, rows @ mechanism.coupling[:, mechanism.drive_columns]
-    left, sizes, _ = np.linalg.svd(free)
+    driven = rows @ mechanism.coupling[:, mechanism.drive_columns]
+    left, sizes, _ = np.linalg.svd(rows @ energy.basis)
     held = left[:, np.count_nonzero(sizes > RANK_TOLERANCE) :]
     turned, moved, _ = np.linalg.svd(held.T @ driven)
     if held.shape[1] < count or moved[count - 1] < _MOVES:

@@ -282,7 +282,7 @@ class ClosureSolver:
         Lemarechal and Pedersen, Math. Programming Study 16, 1982); if the next does not fall below it, the search
         returns to the best state and shortens its step by Levenberg's term.
         """
-        options, best = self.options, state
+        options, best, forced = self.options, state, energy.loads.gravity
         if not energy.free_columns.size:  # the drives alone say where everything is
             return state, 0
         damping = previous = share_before = 0.0
@@ -292,7 +292,7 @@ class ClosureSolver:
             step = self._step(energy, state, exact, damping, kept)
             length = np.abs(step).max()
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
-            closed = energy.can_close and np.abs(trial.residual).max(initial=0.0) < options.closed_below
+            closed = not forced and np.abs(trial.residual).max(initial=0.0) < options.closed_below
             short = length < options.step_tolerance
             share = length / (previous or length or 1.0)  # the first has none before it; steps may be exactly zero
             # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
@@ -305,7 +305,7 @@ class ClosureSolver:
                 return trial, iteration
             kept = sharp and short and not kept
             # Residuals of weight, and others that no longer fall steeply, are there to stay: their curvature counts.
-            exact = not closed and (not energy.can_close or trial.elastic > 0.01 * state.elastic)
+            exact = not closed and (forced or trial.elastic > 0.01 * state.elastic)
             if trial.energy <= best.energy or short:  # near the minimum it may rise by a few last digits
                 best = state = trial
                 previous, share_before = length, share
@@ -320,20 +320,21 @@ class ClosureSolver:
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
-        downhill = -energy.reduced(state.gradient)
+        basis = energy.basis
+        downhill = -(basis.T @ state.gradient)
         if kept and self._factors is not None:
-            return energy.expanded(self._factors.solve(downhill))
+            return np.asarray(basis @ self._factors.solve(downhill))
         for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
-            hessian = energy.reduced_block(full(state))
+            hessian = basis.T @ full(state) @ basis
             if damping:
                 hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
             self._factors = eigenpy.LLT(hessian)
             if is_regular(self._factors, hessian):  # positive definite: the step goes downhill
-                return energy.expanded(self._factors.solve(downhill))
+                return np.asarray(basis @ self._factors.solve(downhill))
             self._factors, spectrum = None, Spectrum.of(hessian)
             if spectrum.is_semidefinite:  # what idles stays where it is
                 break
-        return energy.expanded(spectrum.solve(downhill))
+        return np.asarray(basis @ spectrum.solve(downhill))
 
 
 def _failure(
