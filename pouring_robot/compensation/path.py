@@ -31,6 +31,7 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
+from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import limited
@@ -144,7 +145,8 @@ class PathSearch:
             left = self._left(closed)
         with np.errstate(invalid="ignore"):
             met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE
-            within = self.kinematics.within_limits(closed.joints) & self.kinematics.drives_within_limits(drives)
+            driven = dict(zip(self.kinematics.mechanism.loops.drives, drives.T, strict=True))
+            within = self.kinematics.in_reach(closed.as_start()) & within_limits(self.kinematics.mechanism, driven)
         reached = closed.closed & met
         status = np.array(STATUS_NAMES)[closed.status].astype(object)
         status[closed.closed & ~met] = NOT_FOUND

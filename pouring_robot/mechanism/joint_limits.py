@@ -15,11 +15,6 @@ ROUND_OFF = 1e-9
 shrink. What stands beyond a limit by no more stands on it."""
 
 
-def within(values: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
-    """Return which values, in m or rad, stand within limits, or beyond them by round-off."""
-    return np.asarray((values >= lower - ROUND_OFF) & (values <= upper + ROUND_OFF))
-
-
 @dataclass(frozen=True)
 class JointReach:
     """How one joint stands within its limits at a pose."""
@@ -61,6 +56,17 @@ def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) ->
     moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
     reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
     return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def within_limits(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArray]) -> BoolArray:
+    """Return where all joints of given values, (n,) each in m or rad, are within their limits, (n,); locked ones are.
+
+    Of joints that have none it is one True for all.
+    """
+    limits, locked = mechanism.joint_limits(), mechanism.loops.locked_joints
+    bounded = [(values[name], *edges) for name, edges in limits.items() if name in values and name not in locked]
+    within = [(value >= lower - ROUND_OFF) & (value <= upper + ROUND_OFF) for value, lower, upper in bounded]
+    return np.asarray(np.all(within, axis=0))
 
 
 def refuse_beyond(reaches: Sequence[JointReach]) -> None:

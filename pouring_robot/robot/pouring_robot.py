@@ -131,7 +131,7 @@ class PouringRobot(Robot):
         return self._dataset(command.start, closed, self._in_reach(command.start, closed), _commanded(command.poses))
 
     def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
-        return super()._in_reach(start, closed) & (~closed.closed | self.kinematics.within_limits(closed.joints))
+        return super()._in_reach(start, closed) & (~closed.closed | self.drawing.in_reach(closed.as_start()))
 
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
         return self.locate(self.kinematics.forward(self.kinematics.mechanism.named_drives(drives)))

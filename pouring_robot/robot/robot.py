@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.io.given import as_tuple
-from pouring_robot.mechanism.arrays import FloatArray, finite
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
@@ -165,12 +165,12 @@ class Robot:
         }
         return self._dataset(start, closed, self._in_reach(start, closed) | (answered & ~closed.closed), coordinates)
 
-    def _in_reach(self, start: BatchStart, closed: BatchClosure) -> NDArray[np.bool_]:
+    def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
         """Return where the joints' limits allow the drawing's poses, and those as built where they count, (n,)."""
         return self.drawing.in_reach(start)
 
     def _dataset(
-        self, start: BatchStart, closed: BatchClosure, reachable: NDArray[np.bool_], coordinates: Mapping[str, Any]
+        self, start: BatchStart, closed: BatchClosure, reachable: BoolArray, coordinates: Mapping[str, Any]
     ) -> xr.Dataset:
         """Return the drawing's poses beside those as built; ``reachable``, (n,): which the joints' limits allow."""
         status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)

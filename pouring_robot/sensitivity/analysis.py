@@ -84,7 +84,7 @@ def _from_box(model: RobotModel, kinematics: FourUPUKinematics, request: Request
         if limits is not None:
             lower[k], upper[k] = limits
     commands = kinematics.commands(np.random.default_rng(request.seed).uniform(lower, upper, (request.poses, 4)))
-    reached = np.flatnonzero(kinematics.within_limits(commands.start.joints))
+    reached = np.flatnonzero(kinematics.in_reach(commands.start))
     if len(reached) < 2 and any(request.box):
         out = f"{len(reached)} of {request.poses} poses drawn within {', '.join(ranges(request.box))} are in reach"
         raise NoSolutionError(f"{out}; the workspace of '{model.layout}' is {', '.join(ranges(tuple(box.T)))}")

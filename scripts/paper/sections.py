@@ -228,7 +228,7 @@ def strokes(study: SectionsStudy) -> Claim:
     spread = grid(*[np.linspace(-1.0, 1.0, 5)] * 3)
     places = np.column_stack([middle + spread * half, np.zeros(len(spread))])
     kinematics = study.robot.kinematics
-    reached = float(kinematics.within_limits(kinematics.commands(places).start.joints).mean())
+    reached = float(kinematics.in_reach(kinematics.commands(places).start).mean())
     box = high - low
     return Claim(
         "strokes",

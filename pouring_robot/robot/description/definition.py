@@ -34,6 +34,7 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.robot.description.command import CommandAxis, command_box
+from pouring_robot.robot.description.drawing import Drawing, agreed
 from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveEntry, RobotFile
 from pouring_robot.robot.description.urdf import (
     carriers,
@@ -49,7 +50,6 @@ from pouring_robot.robot.description.urdf import (
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
     from pouring_robot.robot.description.causes import Causes
-    from pouring_robot.robot.description.drawing import Drawing
     from pouring_robot.robot.dh.table import DHTable
 
 _WORKSPACE_SAMPLES = 200
@@ -330,9 +330,7 @@ class RobotDefinition:
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
         """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
-        from pouring_robot.robot.description.drawing import HomeDrawing
-
-        return HomeDrawing(mechanism, self.file.home, self.drawn_fit) if mechanism else self._drawing
+        return Drawing(mechanism, self.file.home, self.drawn_fit) if mechanism else self._drawing
 
     @functools.cached_property
     def _drawing(self) -> Drawing:
@@ -343,8 +341,6 @@ class RobotDefinition:
 
         Redundant drives agree there. What does not close, or with joints beyond limits, is left out.
         """
-        from pouring_robot.robot.description.drawing import agreed
-
         commands = drawing.commands(agreed(drawing, self._spread(drawing.mechanism, count)))
         kept = np.flatnonzero(drawing.in_reach(commands.start))
         return commands.drives[kept], commands.start[kept]

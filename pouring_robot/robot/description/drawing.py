@@ -1,40 +1,79 @@
 """The robot of the drawing as the controller believes it: closed poses for drive values."""
 
+from __future__ import annotations
+
 import functools
 from collections.abc import Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchCommand, BatchStart, HomotopyStarts, engine_for
+from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
-from pouring_robot.mechanism.joint_limits import within
 from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.joint_limits import within_limits
+
+if TYPE_CHECKING:
+    from pouring_robot.batch import Engine, HomotopyStarts
 
 _KEPT = 4
 _AGREE_M, _MOST_STEPS = 1e-12, 20
 
 
-class Drawing(Protocol):
-    """Closes the robot of the drawing."""
+class Drawing:
+    """Closes the robot of the drawing from home joint values (m, rad; zero where not named) outwards.
 
-    mechanism: ClosedChainMechanism
+    On the way there loops may be open as those with errors, at the end as far as the options say. Where it does
+    not close at its home it raises ClosureError. A robot with closed forms overrides it.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
+        self.mechanism, self._home, self._options = mechanism, dict(home), options
+        self._known: dict[tuple[int, bytes], BatchStart] = {}
+
+    @functools.cached_property
+    def engine(self) -> Engine:
+        """What closes it for many drive values; loops may be open as those with errors."""
+        from pouring_robot.batch import engine_for  # heavy
+
+        return engine_for(self.mechanism)
+
+    @functools.cached_property
+    def _followed(self) -> HomotopyStarts:
+        from pouring_robot.batch import HomotopyStarts, engine_for
+
+        return HomotopyStarts(self.engine, self._home, last=engine_for(self.mechanism, options=self._options))
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+        key = len(drives), drives.tobytes()
+        if key not in self._known:  # one campaign is asked for many times
+            if len(self._known) == _KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = self._followed.starts(drives)
+        return self._known[key]
 
     def commands(self, commands: FloatArray, /) -> BatchCommand:
-        """Return the drives of commands (n, k), in m and rad, and the closed poses; NaN where there is none."""
+        """Return the drives of commands (n, k), in m and rad, and the closed poses, NaN where there is none.
 
-    def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
+        Here the drive values are the commands.
+        """
+        return BatchCommand(commands, commands, self.starts(commands))
+
+    def in_reach(self, start: BatchStart, /) -> BoolArray:
         """Return where there is a closed pose with all joints within their limits, (n,)."""
+        values = self.engine.structure.joint_values(start.joints)
+        return np.isfinite(start.position).all(axis=1) & within_limits(self.mechanism, values)
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed configuration (nq,) of drives (drives,), in m and rad, or raise NoSolutionError."""
+        start = self.starts(drives[None])
+        if not np.isfinite(start.joints).all():
+            raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
+        return np.asarray(self.engine.structure.configurations(start.joints)[0])
 
 
 def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
@@ -44,7 +83,7 @@ def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
     """
     if not drawing.mechanism.loops.redundant_drives:
         return drives
-    engine, parameters = engine_for(drawing.mechanism), drive_parameters(drawing.mechanism)
+    engine, parameters = drawing.engine, drive_parameters(drawing.mechanism)
     closed = engine.close(drives, drawing.starts(drives))
     for _ in range(_MOST_STEPS):
         apart = np.nan_to_num(closed.disagreement)
@@ -54,49 +93,3 @@ def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
         drives = drives - (np.linalg.pinv(slopes) @ apart[..., None])[..., 0]
         closed = engine.close(drives, closed.as_start())
     return drives
-
-
-class HomeDrawing:
-    """Closes any robot, from home joint values (m, rad; zero where not named) outwards.
-
-    On the way there loops may be open as those with errors, at the end as far as the options say. Where it does
-    not close at its home it raises ClosureError.
-    """
-
-    def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
-        self.mechanism, self._home, self._options = mechanism, dict(home), options
-        self._known: dict[tuple[int, bytes], BatchStart] = {}
-
-    @functools.cached_property
-    def _followed(self) -> HomotopyStarts:
-        last = engine_for(self.mechanism, options=self._options)
-        return HomotopyStarts(engine_for(self.mechanism), self._home, last=last)
-
-    def starts(self, drives: FloatArray, /) -> BatchStart:
-        """As :meth:`Drawing.starts`."""
-        key = len(drives), drives.tobytes()
-        if key not in self._known:  # one campaign is asked for many times
-            if len(self._known) == _KEPT:
-                del self._known[next(iter(self._known))]
-            self._known[key] = self._followed.starts(drives)
-        return self._known[key]
-
-    def commands(self, commands: FloatArray, /) -> BatchCommand:
-        """Return drive values (n, drives), which are the commands, with their closed poses."""
-        return BatchCommand(commands, commands, self.starts(commands))
-
-    def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
-        """As :meth:`Drawing.in_reach`."""
-        values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
-        reached = np.asarray(np.isfinite(start.position).all(axis=1))
-        for name, (lower, upper) in limits.items():
-            if name in values and name not in self.mechanism.loops.locked_joints:
-                reached &= within(values[name], lower, upper)
-        return reached
-
-    def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """As :meth:`Drawing.configuration_at`."""
-        start, structure = self.starts(drives[None]), self._followed.engine.structure
-        if not np.isfinite(start.joints).all():
-            raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
-        return np.asarray(structure.configurations(start.joints)[0])

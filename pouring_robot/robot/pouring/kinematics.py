@@ -6,10 +6,9 @@ They give the drives a controller commands, and start the closure of the actual 
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
@@ -17,7 +16,9 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond, within
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
+from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond
+from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -48,12 +49,11 @@ def chain_joints(
     return np.stack([psi, phi, length, -phi, tilt - psi], axis=-1)
 
 
-class FourUPUKinematics:
+class FourUPUKinematics(Drawing):
     """Closed-form kinematics of the nominal mechanism, whose joint placements are the only source of geometry."""
 
     def __init__(self, nominal: ClosedChainMechanism) -> None:
-        self.mechanism = nominal
-        self._limits = nominal.joint_limits()
+        super().__init__(nominal, {}, DEFAULT_OPTIONS)
         loops, frames = nominal.loops, nominal.frames_at(nominal.neutral_configuration()).oMf
 
         def place(*names: str) -> FloatArray:
@@ -98,22 +98,6 @@ class FourUPUKinematics:
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
         return self.configuration(self.forward(self.mechanism.named_drives(drives)))
-
-    def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
-        """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
-        return self._within(joints.reshape(len(joints), len(self.joint_names)), self.joint_names)
-
-    def drives_within_limits(self, drives: FloatArray) -> NDArray[np.bool_]:
-        """Return where all drives are commanded within their limits, shape (n,), for drive values (n, 4)."""
-        return self._within(drives, DRIVE_JOINTS)
-
-    def _within(self, values: FloatArray, names: Sequence[str]) -> NDArray[np.bool_]:
-        lower, upper = np.transpose([self._limits[name] for name in names])
-        return np.asarray(within(values, lower, upper).all(axis=1))
-
-    def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
-        """Return where there is a closed pose with all joints within their limits, (n,)."""
-        return self.within_limits(start.joints)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
