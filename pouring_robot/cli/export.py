@@ -28,6 +28,7 @@ def export(
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
     from pouring_robot.io.units import MM, MRAD
+    from pouring_robot.mechanism.arrays import rms
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
@@ -40,14 +41,14 @@ def export(
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
     options.print_written(reversed(options.write_all(files)))
-    result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
+    result, off_m = closed.result, closed.over_workspace() if form == "urdf" else None
     options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
-    if gap:
+    if off_m is not None:
         loops = closed.mechanism.loops
         options.say(
             f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
-            f"values of {gap.poses} poses of the workspace it is {gap.rms_m / MM:.2g} mm rms and "
-            f"{gap.largest_m / MM:.2g} mm at most off"
+            f"values of {off_m.size} poses of the workspace it is {rms(off_m) / MM:.2g} mm rms and "
+            f"{off_m.max() / MM:.2g} mm at most off"
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}

@@ -346,7 +346,8 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
         drives, result = dict(zip(drives, found.drives.tolist(), strict=True)), found.result
     reach = joint_reach(robot.actual_solver.mechanism, result.joint_values | drives)
     refuse_beyond(reach)
-    if over := {one.joint: one.inside for one in reach if one.joint in drives and one.margin < 0.0}:
+    inside = {one.joint: min(max(one.value, one.lower), one.upper) for one in reach if one.margin < 0.0}
+    if over := {joint: value for joint, value in inside.items() if joint in drives}:
         # By round-off, of what is kept too: a controller takes what stands on the limit; what is left is said of that.
         drives |= over
         result = robot.close_actual(np.array(list(drives.values())), result.configuration)

@@ -40,11 +40,6 @@ class JointReach:
         """Whether it stands beyond a limit, and by more than round-off."""
         return self.margin < -ROUND_OFF
 
-    @property
-    def inside(self) -> float:
-        """Where it stands, or the limit that it stands beyond."""
-        return min(max(self.value, self.lower), self.upper)
-
 
 def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
     """Return how joints of given values (m, rad) stand within their limits, the most limiting first.

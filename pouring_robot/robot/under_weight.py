@@ -1,7 +1,6 @@
 """The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
 
 import copy
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -64,8 +63,3 @@ def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessPro
     modulus = (properties or load_stiffness()).steel.youngs_modulus.value
     force = GRAVITY_M_S2 * (float(data.mass[trolley]) + payload_kg)
     return float(force * truss.gauge.metres**3 / (48.0 * modulus * 2.0 * inertia))
-
-
-def stiffer(stiffness: PartStiffness, part: str, factor: float) -> PartStiffness:
-    """Return the same with one part (``leg_axial``, ``joint``, ``leg_torsion``, ``tilt_drive``) stiffer by a factor."""
-    return replace(stiffness, **{part: getattr(stiffness, part) * factor})

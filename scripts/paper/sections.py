@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.under_weight import stiffer, stiffness_at, under_weight
+from pouring_robot.robot.under_weight import stiffness_at, under_weight
 from pouring_robot.sweeps.parameters import ErrorMap
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.paper.claims import COLUMNS, Claim, judge
@@ -94,10 +94,10 @@ def run_sections_study(layout: str, seed: int, progress: Progress = say_nothing)
             at = [stiffness_at(robot, pose, PAYLOAD_KG) for pose in weighed]
             sag = _sag(robot, weighed, at)
             kinds = {kind: (kind, 2.0) for kind in STIFFER} | {"leg_torsion × 10": ("leg_torsion", 10.0)}
-            softer = {
-                name: float(np.linalg.norm(_sag(robot, weighed, [stiffer(s, *change) for s in at]), axis=1).mean())
-                for name, change in kinds.items()
-            }
+            softer = {}
+            for kind, (part, factor) in kinds.items():
+                changed = [replace(s, **{part: getattr(s, part) * factor}) for s in at]
+                softer[kind] = float(np.linalg.norm(_sag(robot, weighed, changed), axis=1).mean())
         elif name == steps[2]:
             shares = _shares(robot, poses(_HEATED), random)
         else:

@@ -16,6 +16,7 @@ from lxml import etree
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import write_together
+from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.export.assembly import Assembly
@@ -185,10 +186,10 @@ def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
         result = robot.locate(pose).actual
         found = of_tree(closed.urdf, result.joint_values, "fixed_platform", "ladle_lip")
         off.append(pose_gap(found, result.pose("fixed_platform", "ladle_lip"))[0])
-    gap = closed.over_workspace()
-    assert gap.poses == 81 and 0.0 < gap.rms_m < gap.largest_m
-    assert 0.1 * gap.rms_m < np.sqrt(np.mean(np.square(off))) < 3.0 * gap.rms_m
-    assert ClosedRobot.of(RobotModel()).over_workspace().largest_m < 1e-12
+    gap_m = closed.over_workspace()
+    assert gap_m.size == 81 and 0.0 < rms(gap_m) < gap_m.max()
+    assert 0.1 * rms(gap_m) < np.sqrt(np.mean(np.square(off))) < 3.0 * rms(gap_m)
+    assert ClosedRobot.of(RobotModel()).over_workspace().max() < 1e-12
 
 
 def test_a_joint_without_limits_turns_by_its_angle(tmp_path):
@@ -200,7 +201,7 @@ def test_a_joint_without_limits_turns_by_its_angle(tmp_path):
     (file.parent / "turning.urdf").write_text(re.sub(r'<limit lower="[^"]*" upper="[^"]*"', "<limit", urdf))
     text = re.sub(r"^(urdf|xacro):.*$", "urdf: turning.urdf", file.read_text(), flags=re.M)
     file.write_text(re.sub(r"^mappings:.*\n(  .*\n)*", "", text, flags=re.M))
-    assert ClosedRobot.of(RobotModel.for_robot(file)).over_workspace().largest_m < 1e-12
+    assert ClosedRobot.of(RobotModel.for_robot(file)).over_workspace().max() < 1e-12
 
 
 @pytest.mark.parametrize("name", NAMES)

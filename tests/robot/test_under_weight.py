@@ -9,9 +9,14 @@ from scipy.constants import g
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, PartStiffness, load_stiffness
-from pouring_robot.robot.under_weight import stiffer, stiffness_at, under_weight
+from pouring_robot.robot.under_weight import stiffness_at, under_weight
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
+
+
+def stiffer(stiffness, part, factor):
+    """Return the same with one part stiffer by a factor."""
+    return replace(stiffness, **{part: getattr(stiffness, part) * factor})
 
 
 def sag(robot, stiffness, payload_kg):

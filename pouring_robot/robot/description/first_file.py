@@ -76,13 +76,9 @@ class _Tree:
 
     def homes(self) -> dict[str, float]:
         """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
-        found: dict[str, float] = {}
-        for name, joint in self.joints.items():
-            lower, upper = joint_limits(joint)
-            bounded = joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None
-            if bounded and not lower <= 0.0 <= upper:
-                found[name] = (lower + upper) / 2.0
-        return found
+        leading = {name: joint for name, joint in self.joints.items() if joint.find("mimic") is None}
+        bounded = {n: joint_limits(j) for n, j in leading.items() if j.get("type") in ("revolute", "prismatic")}
+        return {name: (low + up) / 2.0 for name, (low, up) in bounded.items() if not low <= 0.0 <= up}
 
     def degrees(self) -> dict[str, str]:
         """Return the limits of joints, in words, that may be in degrees."""

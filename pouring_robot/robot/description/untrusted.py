@@ -69,7 +69,9 @@ def package(name: str, folder: Path) -> Path:
 @contextlib.contextmanager
 def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
     """Keep xacro, which works in module globals, from running code and reading elsewhere, while the context lasts."""
-    import xacro.substitution_args  # heavy, and for this only
+    from unittest import mock  # heavy, as is the next, and for this only
+
+    import xacro.substitution_args
 
     evaluate: Callable[..., Any] = xacro.safe_eval
 
@@ -87,27 +89,19 @@ def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
             return str(package(name, folder))
         return f"package://{name}"
 
-    stand_ins = [(xacro, "safe_eval", careful), (xacro, "open", opened), (xacro.substitution_args, "_eval_find", found)]
-    for name, said in _REFUSED.items():
-        stand_ins.append((xacro.substitution_args, name, _refusal(said)))
-    kept = [(module, name, vars(module).get(name)) for module, name, _ in stand_ins]
-    try:
-        for module, name, stand_in in stand_ins:
-            setattr(module, name, stand_in)
+    with contextlib.ExitStack() as stack:
+        for module, name, stand_in in (
+            (xacro, "safe_eval", careful),
+            (xacro, "open", opened),
+            (xacro.substitution_args, "_eval_find", found),
+            *((xacro.substitution_args, name, functools.partial(_refuse, said)) for name, said in _REFUSED.items()),
+        ):
+            stack.enter_context(mock.patch.object(module, name, stand_in, create=True))
         yield
-    finally:
-        for module, name, own in kept:
-            if own is None:
-                delattr(module, name)
-            else:
-                setattr(module, name, own)
 
 
-def _refusal(said: str) -> Callable[..., NoReturn]:
-    def refuse(*_: Any, **__: Any) -> NoReturn:
-        raise ValueError(f"descriptions may not use {said}")
-
-    return refuse
+def _refuse(said: str, *_: Any, **__: Any) -> NoReturn:
+    raise ValueError(f"descriptions may not use {said}")
 
 
 @functools.lru_cache(maxsize=1000)  # a robot has the same ones for each of its legs

@@ -172,7 +172,11 @@ def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | st
             raise UnknownJointError(name, joints)
         if not np.isfinite(placement.homogeneous).all():
             raise ValueError(f"the displacement of '{name}' must be finite numbers")
-        _displace(joints[name], placement, source)
+        actual, origin = origin_pose(joints[name], source) * placement, joints[name].find("origin")
+        if origin is None:
+            origin = etree.SubElement(joints[name], "origin")
+        origin.set("xyz", text(actual.translation))
+        origin.set("rpy", text(pin.rpy.matrixToRpy(actual.rotation)))
     return xml_text(root)
 
 
@@ -209,8 +213,7 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that the folder
     can be moved or sent away. Raises OutputError where it cannot be written, and is left as it was.
     """
-    files = urdf_files(urdf, folder, beside)
-    return write_together(files)[-1]
+    return write_together(urdf_files(urdf, folder, beside))[-1]
 
 
 def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
@@ -243,9 +246,9 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
 
 def _say_massless(root: etree._Element) -> None:
     """Give frames that something carries a mass of zero: left unsaid, some readers take it for 1 kg."""
-    for name in (joint.find("child").get("link") for joint in root.iterfind("joint")):
-        link = next(link for link in root.iterfind("link") if link.get("name") == name)
-        if link.find("inertial") is None:
+    carried = {joint.find("child").get("link") for joint in root.iterfind("joint")}
+    for link in root.iterfind("link"):
+        if link.get("name") in carried and link.find("inertial") is None:
             inertial = etree.SubElement(link, "inertial")
             etree.SubElement(inertial, "mass", value="0")
             etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
@@ -258,15 +261,6 @@ def _say_unit_axes(root: etree._Element) -> None:
         length = np.linalg.norm(axis)
         if length > 0.0 and abs(length - 1.0) > _ROUND_OFF:
             joint.find("axis").set("xyz", text(axis / length))
-
-
-def _displace(joint: etree._Element, placement: pin.SE3, source: Path | str) -> None:
-    """Move one joint's origin in place."""
-    origin, actual = joint.find("origin"), origin_pose(joint, source) * placement
-    if origin is None:
-        origin = etree.SubElement(joint, "origin")
-    origin.set("xyz", text(actual.translation))
-    origin.set("rpy", text(pin.rpy.matrixToRpy(actual.rotation)))
 
 
 def origin_pose(element: etree._Element, source: Path | str = "URDF") -> pin.SE3:

@@ -38,15 +38,6 @@ def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
     return np.asarray(pin.integrate(tree, pin.neutral(tree), moved))
 
 
-@dataclass(frozen=True)
-class TreeGap:
-    """How far the working frame of the tree is from the closed robot's, over the workspace."""
-
-    poses: int  # how many were compared
-    rms_m: float  # root mean square of the distances, in m
-    largest_m: float  # the largest distance, in m
-
-
 @dataclass(frozen=True, eq=False)
 class ClosedRobot:
     """The robot as built, closed at one command."""
@@ -101,10 +92,11 @@ class ClosedRobot:
                 mimic.set("offset", "0")
         return xml_text(root)
 
-    def over_workspace(self) -> TreeGap | None:
-        """Compare the tree with the closed robot over the workspace; None where the tree is all there is.
+    def over_workspace(self) -> FloatArray | None:
+        """Return how far the tree's working frame is from the closed robot's at poses of the workspace, (n,), in m.
 
-        The tree gets the joint values of the closed robot, as a table of them would give.
+        The tree gets the joint values of the closed robot, as a table of them would give. None where the tree is all
+        there is.
         """
         if not self.mechanism.loops.cut_joints:
             return None
@@ -114,8 +106,7 @@ class ClosedRobot:
         values = self.robot.engine().structure.joint_values(closed.joints)
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
         standing = ({name: course[row] for name, course in values.items()} for row in good)
-        off = np.linalg.norm(self.tips_m(standing) - expected[good], axis=1)
-        return TreeGap(len(good), float(np.sqrt(np.mean(off**2))), float(off.max()))
+        return np.asarray(np.linalg.norm(self.tips_m(standing) - expected[good], axis=1))
 
     def tips_m(self, standing: Iterable[Mapping[str, float]]) -> FloatArray:
         """Return where the tree has its working frame at joint values (m, rad), seen from the base, shape (n, 3), m."""

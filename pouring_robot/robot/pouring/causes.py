@@ -20,14 +20,6 @@ _PLATFORMS = {"fixed_platform": _UPPER, "moving_platform": SEATS}
 _BORES = tuple(joint for joints in CHAIN_JOINTS for joint in (joints[0], joints[4]))
 
 
-def _tilts() -> tuple[AxisTilt, ...]:
-    found = []
-    for joints, seat in zip(CHAIN_JOINTS, SEATS, strict=True):
-        for name, after, directions in zip(joints, (*joints[1:], seat), _TILTED, strict=True):
-            found.append(AxisTilt(name, directions, after, 1.0 if after == seat else -1.0))
-    return tuple(found)
-
-
 CAUSES = Causes(
     entries=(
         CauseEntry(
@@ -109,7 +101,11 @@ CAUSES = Causes(
     ),
     placements=Placements(
         centres=_PLATFORMS,
-        tilts=_tilts(),
+        tilts=tuple(
+            AxisTilt(name, directions, after, 1.0 if after == seat else -1.0)
+            for joints, seat in zip(CHAIN_JOINTS, SEATS, strict=True)
+            for name, after, directions in zip(joints, (*joints[1:], seat), _TILTED, strict=True)
+        ),
         centre_words={"fixed_platform": "upper joint centres", "moving_platform": "lower joint centres"},
         axis_groups={"axes on the platforms": _BORES},
         twists={f"{leg}_twist": f"{leg}_s4" for leg in LEGS},

@@ -137,31 +137,23 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
         raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
 
 
-def ladle_outline_m(layout: Layout) -> NDArray[np.float64]:
-    """Return the corners of the box around the ladle, in the frame ``ladle``: lower and upper, shape (2, 3), in m.
-
-    The vessel hangs below its rim (z = 0); the pouring lip reaches out towards +x.
-    """
-    ladle = layout.ladle
-    rim = ladle.outer_radius_top.metres + ladle.rim_flange.metres
-    lip = max(rim, ladle.outer_radius_top.metres + ladle.lip_reach.metres)
-    return np.array([[-rim, -rim, -ladle.height.metres], [lip, rim, 0.0]])
-
-
 def stale_mesh_note(layout: Layout) -> str | None:
     """Return a line that says so if the ladle's mesh has another size than the dimensions file; otherwise None."""
-    path = description_folder() / "meshes" / layout.ladle.mesh.value
+    ladle = layout.ladle
+    path = description_folder() / "meshes" / ladle.mesh.value
     if not path.is_file():  # whoever draws it says that it is missing
         return None
     import trimesh  # takes half a second to import
 
-    wanted = ladle_outline_m(layout)
-    found = np.asarray(trimesh.load_mesh(path).bounds)
-    off = np.abs(found - wanted).max()
+    # In the frame ``ladle`` the vessel hangs below its rim (z = 0); the pouring lip reaches out towards +x.
+    rim = ladle.outer_radius_top.metres + ladle.rim_flange.metres
+    lip = max(rim, ladle.outer_radius_top.metres + ladle.lip_reach.metres)
+    wanted = np.array([[-rim, -rim, -ladle.height.metres], [lip, rim, 0.0]])
+    off = np.abs(trimesh.load_mesh(path).bounds - wanted).max()
     if off <= _MESH_TOLERANCE * np.abs(wanted).max():
         return None
     return (
-        f"the ladle is drawn from {layout.ladle.mesh.value}, which is {off * 1e3:.0f} mm off the dimensions in "
+        f"the ladle is drawn from {ladle.mesh.value}, which is {off * 1e3:.0f} mm off the dimensions in "
         f"{layout.path.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
     )
 
