@@ -37,6 +37,7 @@ rule for both halves α_56 and θ_4 err by +1.3175 and −1.3175 mm, as the pape
 
 import functools
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,8 @@ SEAT = 5
 # Where the value of each of the five joints enters: (transform, symbol).
 VARIABLES = ((2, THETA), (3, THETA), (4, D), (5, THETA), (6, THETA))
 JOINT_KINDS = "RRPRR"
+Line = tuple[FloatArray, FloatArray]
+"""An axis in space: a point on it and its unit direction, (3,) each."""
 _GEOMETRY_TOLERANCE = 1e-9  # m and rad: looser than round-off, tighter than any machining error
 _REPRODUCTION_TOLERANCE = 1e-12
 
@@ -160,57 +163,41 @@ class NotUPUError(BadInputError):
         )
 
 
-@dataclass(frozen=True)
-class _Line:
-    """An axis in space: a point on it and its unit direction, both shape (3,)."""
-
-    point: FloatArray
-    direction: FloatArray
-
-
-@dataclass(frozen=True)
-class _Placements:
-    """A chain as the URDF has it, relative to O and o; homogeneous matrices.
-
-    ``sites`` are the placements of S1 to S5 and of the seat, ``foot`` and ``rest`` the closing frames on the last
-    joint and on the seat, ``axes`` the joint axes in their own frames, shape (5, 3).
-    """
-
-    joints: tuple[str, ...]
-    sites: FloatArray
-    foot: FloatArray
-    rest: FloatArray
-    axes: FloatArray
-
-
 def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
     """Derive the DH chain of one loop, counted from 0, of the nominal robot's mechanism.
 
     Raises NotUPUError where it is not R R P R R from base to end frame, or axes of a U joint meet at another angle.
     """
     name = mechanism.anchors[index].name
-    placements = _read_placements(mechanism, index)
-    at_zero = _poses_at_zero(placements)
-    frames = _dh_frames(_axes(placements, at_zero, name), at_zero[-1], name)
+    joints, sites, closing, own_axes = _read_placements(mechanism, index)
+    at_zero = [*itertools.accumulate(sites[:SEAT], np.matmul)]  # the five joints in O
+    lines = [(pose[:3, 3], pose[:3, :3] @ axis) for pose, axis in zip(at_zero, own_axes, strict=True)]
+    _check_u_joints(lines, joints, name)
+    end = at_zero[-1] @ closing @ inverse(sites[SEAT])
+    vertical, platform = (np.zeros(3), np.array([0.0, 0.0, 1.0])), (end[:3, 3], end[:3, 2])
+    frames = _dh_frames([vertical, lines[0], *lines, platform], end, name)
     nominal = np.array([_dh_values(inverse(frames[k]) @ frames[k + 1]) for k in range(len(TRANSFORMS))])
-    carried = inverse(at_zero[:5]) @ frames[3:8]  # DH frame on each joint's axis, seen from the URDF joint
-    before, after = np.zeros((6, 4, 4)), np.zeros((6, 4, 4))
-    before[0], after[0] = inverse(placements.sites[0]), inverse(carried[0])
-    for k in range(1, SEAT):
-        before[k], after[k] = inverse(placements.sites[k]) @ carried[k - 1], inverse(carried[k])
-    before[SEAT] = inverse(placements.sites[SEAT])
-    after[SEAT] = inverse(carried[4]) @ placements.foot @ inverse(placements.rest)
+    carried = inverse(np.stack(at_zero)) @ frames[3:8]  # DH frame on each joint's axis, seen from the URDF joint
+    before, after = inverse(sites), np.zeros((6, 4, 4))
+    before[1:SEAT] = before[1:SEAT] @ carried[:-1]
+    after[:SEAT], after[SEAT] = inverse(carried), inverse(carried[-1]) @ closing
     for array in (nominal, before, after):
         array.setflags(write=False)
-    chain = DHChain(index + 1, placements.joints, nominal, before, after)
+    chain = DHChain(index + 1, joints, nominal, before, after)
     worst = float(np.abs(chain.displacements(np.zeros((8, 4))) - np.eye(4)).max())
     if worst > _REPRODUCTION_TOLERANCE:
         raise NotUPUError(name, f"its DH product misses the joint placements by {worst:.1e}")
     return chain
 
 
-def _read_placements(mechanism: ClosedChainMechanism, index: int) -> _Placements:
-    """Read one chain out of the Pinocchio model, checking its structure."""
+def _read_placements(
+    mechanism: ClosedChainMechanism, index: int
+) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+    """Return a chain as the URDF has it, relative to O and o, after checks of its structure.
+
+    The six joints whose placements make it up, the last of them the seat; these placements, (6, 4, 4); the way from the
+    last joint to the seat where the loop is closed, (4, 4); and the joint axes in their own frames, (5, 3).
+    """
     model, anchor, loop = mechanism.shared_model, mechanism.anchors[index], mechanism.loops.loops[index]
     if anchor.kind != "6d" or mechanism.loops.end_frame is None:
         raise NotUPUError(anchor.name, "its loop must be of type 6d, and the loops file must name the end frame")
@@ -227,16 +214,11 @@ def _read_placements(mechanism: ClosedChainMechanism, index: int) -> _Placements
     axes = _joint_axes(mechanism, ids, anchor.name)
     if joint != base.parentJoint:
         raise NotUPUError(anchor.name, f"it does not hang from '{base.name}'")
-    sites = [np.array(model.jointPlacements[j].homogeneous) for j in ids]
-    sites[0] = np.array(base.placement.inverse().homogeneous) @ sites[0]
-    sites.append(np.array((end.placement.inverse() * seat.placement).homogeneous))
-    return _Placements(
-        joints=(*(str(model.names[j]) for j in ids), str(seat.name)),
-        sites=np.stack(sites),
-        foot=np.array(anchor.placement_a.homogeneous),
-        rest=np.array((seat.placement.inverse() * anchor.placement_b).homogeneous),
-        axes=axes,
-    )
+    first, *others = (model.jointPlacements[j] for j in ids)
+    sites = [base.placement.inverse() * first, *others, end.placement.inverse() * seat.placement]
+    closing = anchor.placement_a * (anchor.placement_b.inverse() * seat.placement)
+    names = (*(str(model.names[j]) for j in ids), str(seat.name))
+    return names, np.stack([site.homogeneous for site in sites]), np.array(closing.homogeneous), axes
 
 
 def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> FloatArray:
@@ -246,69 +228,56 @@ def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> 
         linear, angular = column[:3], column[3:]
         pure = mechanism.shared_model.nvs[joint] == 1 and (not linear.any() or not angular.any())
         kinds += ("R" if angular.any() else "P") if pure else "?"
-        axes.append(np.array(angular if angular.any() else linear))
+        axes.append(angular if angular.any() else linear)
     if kinds != JOINT_KINDS:
         raise NotUPUError(chain, f"its joints are {' '.join(kinds) or 'none'}, not {' '.join(JOINT_KINDS)}")
     return np.array(axes)
 
 
-def _poses_at_zero(placements: _Placements) -> FloatArray:
-    """Return the five joints and o in O with every joint at zero; shape (6, 4, 4)."""
-    joints = [*itertools.accumulate(placements.sites[:SEAT], np.matmul)]
-    return np.stack([*joints, joints[-1] @ placements.foot @ inverse(placements.sites[SEAT] @ placements.rest)])
-
-
-def _axes(placements: _Placements, at_zero: FloatArray, chain: str) -> list[_Line]:
-    """Return S_0 … S_6, S_o at joint value zero, once both U joints prove to be U joints."""
-    joints = [_Line(at_zero[k][:3, 3], at_zero[k][:3, :3] @ placements.axes[k]) for k in range(5)]
-    for k, (first, second) in enumerate(itertools.pairwise(joints)):
-        names = f"the axes of '{placements.joints[k]}' and '{placements.joints[k + 1]}'"
-        lean = abs(float(first.direction @ second.direction))
+def _check_u_joints(lines: Sequence[Line], joints: Sequence[str], chain: str) -> None:
+    """Refuse axes, one after the other, that do not meet at a right angle."""
+    for k, ((point, axis), (other, following)) in enumerate(itertools.pairwise(lines)):
+        names = f"the axes of '{joints[k]}' and '{joints[k + 1]}'"
+        lean = abs(float(axis @ following))
         if lean > _GEOMETRY_TOLERANCE:
             raise NotUPUError(chain, f"{names} are {lean * 1e3:.3g} mrad from a right angle")
-        gap = abs(float(np.cross(first.direction, second.direction) @ (second.point - first.point)))
+        gap = abs(float(np.cross(axis, following) @ (other - point)))
         if gap > _GEOMETRY_TOLERANCE:
             raise NotUPUError(chain, f"{names} miss each other by {gap * 1e3:.3g} mm")
-    vertical = _Line(np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    platform = _Line(at_zero[5][:3, 3], at_zero[5][:3, 2])
-    return [vertical, joints[0], *joints, platform]
 
 
-def _dh_frames(axes: list[_Line], end: FloatArray, chain: str) -> FloatArray:
-    """Return the frames O, 0, 1, …, 6, o at joint value zero; shape (9, 4, 4)."""
-    frames = [np.eye(4)]
-    for j in range(7):
-        line, following = axes[j], axes[j + 1]
+def _dh_frames(lines: Sequence[Line], end: FloatArray, chain: str) -> FloatArray:
+    """Return the frames O, 0, 1, …, 6, o at joint value zero of the axes S_0 … S_6, S_o; shape (9, 4, 4)."""
+    frames = np.tile(np.eye(4), (9, 1, 1))
+    for j, ((point, axis), (other, following)) in enumerate(itertools.pairwise(lines)):
         if j == 1:
             # S_1 and S_2 are one line; the U-joint centre, where S_3 crosses it, and the vertical fix the frame.
-            foot, _ = _common_normal(axes[2], axes[3], chain)
+            foot, _ = _common_normal(*lines[2], *lines[3], chain)
             down = np.array([0.0, 0.0, -1.0])
-            normal = down - (down @ line.direction) * line.direction
+            normal = down - (down @ axis) * axis
         else:
-            foot, between = _common_normal(line, following, chain)
-            turn = np.cross(line.direction, following.direction)
+            foot, between = _common_normal(point, axis, other, following, chain)
+            turn = np.cross(axis, following)
             lower_half = j in (4, 5)
             meet = float(np.linalg.norm(between)) < _GEOMETRY_TOLERANCE
             normal = (-turn if lower_half else turn) if meet else np.copysign(1.0, turn @ between) * turn
-        frames.append(_frame(foot, normal / np.linalg.norm(normal), line.direction))
-    return np.stack([*frames, end])
+        x = normal / np.linalg.norm(normal)
+        frames[j + 1, :3] = np.column_stack([x, np.cross(axis, x), axis, foot])
+    frames[-1] = end
+    return frames
 
 
-def _common_normal(line: _Line, other: _Line, chain: str) -> tuple[FloatArray, FloatArray]:
-    """Return the foot of the common normal on ``line`` and the vector from there to ``other``."""
-    turn = np.cross(line.direction, other.direction)
+def _common_normal(
+    point: FloatArray, axis: FloatArray, other: FloatArray, following: FloatArray, chain: str
+) -> tuple[FloatArray, FloatArray]:
+    """Return the foot of the common normal on the first of two lines, points and axes, and the way to the second."""
+    turn = np.cross(axis, following)
     squared = float(turn @ turn)
     if squared < _GEOMETRY_TOLERANCE:
         raise NotUPUError(chain, "the first or last joint is parallel to Z of its platform")
-    across = other.point - line.point
-    foot = line.point + (np.cross(across, other.direction) @ turn / squared) * line.direction
+    across = other - point
+    foot = point + (np.cross(across, following) @ turn / squared) * axis
     return foot, (across @ turn / squared) * turn
-
-
-def _frame(origin: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
-    frame = np.eye(4)
-    frame[:3, 0], frame[:3, 1], frame[:3, 2], frame[:3, 3] = x, np.cross(z, x), z, origin
-    return frame
 
 
 def _dh_values(step: FloatArray) -> FloatArray:
