@@ -138,8 +138,8 @@ class ClosedChainMechanism:
 
     def require_placement(self, joint: str) -> None:
         """Raise UnknownJointError for an absent joint, BadInputError for a cut one: displacing it changes nothing."""
-        if joint not in self.path_depths:
-            raise UnknownJointError(joint, self.path_depths)
+        if joint not in self.joint_paths:
+            raise UnknownJointError(joint, self.joint_paths)
         if joint in self.loops.cut_joints:
             raise BadInputError(
                 f"joint '{joint}' is cut, so displacing it changes nothing; displace the platform's seats"
@@ -173,11 +173,10 @@ class ClosedChainMechanism:
     def _find_anchors(self) -> tuple[LoopAnchor, ...]:
         anchors = []
         for loop in self.loops.loops:
-            absent = f"loop '{loop.name}' names the absent frame '{{}}'"
-            a, b = (
-                self.shared_model.frames[self._declared(self.frame_id, name, absent.format(name))]
-                for name in (loop.frame_a, loop.frame_b)
-            )
+            absent = f"loop '{loop.name}' names the absent frame "
+            names = loop.frame_a, loop.frame_b
+            ids = (self._declared(self.frame_id, name, f"{absent}'{name}'") for name in names)
+            a, b = (self.shared_model.frames[k] for k in ids)
             anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
         return tuple(anchors)
 
@@ -248,11 +247,6 @@ class ClosedChainMechanism:
             paths.append((*before, frame.name) if is_joint else before)
             (joints if is_joint else others)[frame.name] = paths[-1]
         return joints, others
-
-    @functools.cached_property
-    def path_depths(self) -> dict[str, int]:
-        """Number of joints, moving and fixed, before each joint on its way from the root."""
-        return {name: len(path) - 1 for name, path in self.joint_paths.items()}
 
     def unit_of(self, joint: str) -> Literal["m", "rad"]:
         """Return the unit of a one-freedom joint: a length or an angle."""

@@ -229,7 +229,7 @@ def test_a_mechanism_displaced_twice_is_one_urdf_with_both_errors():
     mechanism = arm()
     model = mechanism.shared_model
     random = np.random.default_rng(8)
-    joints = [n for n in mechanism.path_depths if n != "universe"]
+    joints = [n for n in mechanism.joint_paths if n != "universe"]
     first, second = random.normal(size=(2, len(joints), 6)) * 0.01
     found = mechanism
     for errors in (first, second):

@@ -143,10 +143,8 @@ class ClosureEnergy:
         self._constraints = pin.StdVec_ConstraintModel()
         self._constraint_data = pin.StdVec_ConstraintData()
         for anchor in mechanism.anchors:
-            frame_anchor = pin.FrameAnchorConstraintModel(
-                self.model, anchor.joint_a, anchor.placement_a, anchor.joint_b, anchor.placement_b
-            )
-            constraint = pin.ConstraintModel(frame_anchor)
+            frames = anchor.joint_a, anchor.placement_a, anchor.joint_b, anchor.placement_b
+            constraint = pin.ConstraintModel(pin.FrameAnchorConstraintModel(self.model, *frames))
             self._constraints.append(constraint)
             self._constraint_data.append(constraint.createData())
         self._anchor_data = [data.extract() for data in self._constraint_data]
@@ -300,5 +298,5 @@ class ClosureEnergy:
     @functools.cached_property
     def joint_depths(self) -> FloatArray:
         """Return how deep in the tree each joint column acts; (nv,)."""
-        paths, columns = self.mechanism.path_depths, self.mechanism.joint_columns
-        return np.array([paths[name] + 0.5 for name, own in columns.items() for _ in own])
+        paths, columns = self.mechanism.joint_paths, self.mechanism.joint_columns
+        return np.array([len(paths[name]) - 0.5 for name, own in columns.items() for _ in own])

@@ -7,7 +7,6 @@ that comes first on the path and d the other.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -50,20 +49,15 @@ class PlacedTwists:
     def columns(self) -> TwistColumns:
         """Return the twists as the loops feel them."""
         mechanism, paths, loops = self._mechanism, self._mechanism.frame_paths, self._mechanism.loops.loops
-        depths = np.array([*(mechanism.path_depths[joint] for joint in self._joints), 0.0])[self._owner]
+        depths = np.array([*(len(mechanism.joint_paths[joint]) - 1.0 for joint in self._joints), 0.0])[self._owner]
         shape = (len(loops), 1, len(depths))
         on_a = np.reshape([self.carried(paths[loop.frame_a]) for loop in loops], shape)
         on_b = np.reshape([self.carried(paths[loop.frame_b]) for loop in loops], shape)
         return TwistColumns(self.world * on_a, self.world * on_b, depths)
 
 
-@dataclass(frozen=True)
-class _Body:
-    """A mass with its centre in the world and the joints, fixed and moving, that carry it."""
-
-    mass: float
-    centre: FloatArray
-    path: tuple[str, ...]
+Body = tuple[float, FloatArray, tuple[str, ...]]
+"""A mass, its centre in the world and the joints, fixed and moving, that carry it."""
 
 
 class Weight:
@@ -72,42 +66,41 @@ class Weight:
     def __init__(self, energy: ClosureEnergy) -> None:
         self._energy, self._mechanism, self._data = energy, energy.mechanism, energy.data
         self._gravity = np.array(energy.model.gravity.linear)
-        self._bodies = self._all_bodies()
+        self._bodies = self._links()
+        if energy.loads.payload_kg > 0.0:
+            self._bodies.append(self._payload(energy.loads.payload_kg))
 
-    def _all_bodies(self) -> list[_Body]:
-        """Return the bodies one by one: Pinocchio has merged those behind fixed joints into their moving parent."""
+    def _links(self) -> list[Body]:
+        """Return the links one by one: Pinocchio has merged those behind fixed joints into their moving parent."""
         model, data, paths = self._mechanism.shared_model, self._data, self._mechanism.joint_paths
-        bodies = []
+        bodies = list[Body]()
         merged = [pin.Inertia.Zero() for _ in range(model.njoints)]
         for i, frame in enumerate(model.frames):
             if frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0.0:
                 merged[frame.parentJoint] += frame.placement.act(frame.inertia)
-                bodies.append(_Body(frame.inertia.mass, data.oMf[i].act(frame.inertia.lever), paths[frame.name]))
+                bodies.append((frame.inertia.mass, data.oMf[i].act(frame.inertia.lever), paths[frame.name]))
         for joint in range(1, model.njoints):
             own_mass = model.inertias[joint].mass - merged[joint].mass
             if own_mass > 1e-12:
                 moment = model.inertias[joint].mass * model.inertias[joint].lever
                 lever = (moment - merged[joint].mass * merged[joint].lever) / own_mass
-                bodies.append(_Body(own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
-        if self._energy.loads.payload_kg > 0.0:
-            bodies.append(self._payload(self._energy.loads.payload_kg))
+                bodies.append((own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
         return bodies
 
-    def _payload(self, mass: float) -> _Body:
+    def _payload(self, mass: float) -> Body:
         name = self._energy.payload_frame
         frame = self._data.oMf[self._mechanism.frame_id(name)]
-        centre = frame.act(np.array(self._energy.loads.payload_centre_m))
-        return _Body(mass, centre, self._mechanism.frame_paths[name])
+        return mass, frame.act(np.array(self._energy.loads.payload_centre_m)), self._mechanism.frame_paths[name]
 
-    def _carries(self, body: _Body) -> FloatArray:
-        """Return 1 for every joint column that carries a body; (nv,)."""
+    def _carries(self, path: Collection[str]) -> FloatArray:
+        """Return 1 for every joint column on a path, else 0; (nv,)."""
         columns = self._mechanism.joint_columns
-        return np.array([name in body.path for name, own in columns.items() for _ in own], dtype=float)
+        return np.array([name in path for name, own in columns.items() for _ in own], dtype=float)
 
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
-        body = self._payload(1.0)
-        velocities = _velocity(as_columns(self._data.J), body.centre) * self._carries(body)
+        _, centre, path = self._payload(1.0)
+        velocities = _velocity(as_columns(self._data.J), centre) * self._carries(path)
         return np.asarray(-self._gravity @ velocities)
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
@@ -117,10 +110,10 @@ class Weight:
         # g · (ω × v) = (g × ω) · v, of the one that comes first and the other
         by_joint, by_placement = (np.cross(self._gravity, part[3:], axisb=0) for part in (motion, twists))
         change = np.zeros(first.shape)
-        for body in self._bodies:
-            own, displaced = _velocity(motion, body.centre), _velocity(twists, body.centre)
+        for mass, centre, path in self._bodies:
+            own, displaced = _velocity(motion, centre), _velocity(twists, centre)
             turned = np.where(first, own.T @ by_placement.T, by_joint @ displaced)
-            change -= body.mass * turned * np.outer(self._carries(body), placed.carried(body.path))
+            change -= mass * turned * np.outer(self._carries(path), placed.carried(path))
         return change
 
 

@@ -30,6 +30,7 @@ _CLOSED = 1e-14  # m and rad
 _SETTLED = 1e-13  # what is left after a step of this size is far below it
 # Twists that commute with the motion of a joint along or about its z axis.
 _COMMUTING = {"R": (2, 5), "P": (0, 1, 2, 5)}
+_SLIDES = [(joint, component) for joint, kind in enumerate(JOINT_KINDS) for component in _COMMUTING[kind]]
 
 
 def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, free: FloatArray) -> FloatArray:
@@ -54,8 +55,7 @@ def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, fr
         gaps = inverse(wanted) @ chain.site_transforms(errors)
         residual = np.array([pin.log6(pin.SE3(gap)).vector for gap in gaps]).ravel()
         columns = _error_columns(chain, errors)
-        slide_columns = _slide_columns(wanted)
-        costless = np.hstack([columns[:, free], slide_columns])
+        costless = np.hstack([columns[:, free], _slide_columns(wanted)])
         blind = scipy.linalg.null_space(costless.T).T
         shown = blind @ columns[:, fitted]
         weighted = scipy.linalg.lstsq(shown * scales, shown @ errors[fitted] - blind @ residual)[0]
@@ -74,33 +74,23 @@ def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, fr
 
 def _error_columns(chain: DHChain, errors: FloatArray) -> FloatArray:
     """Return the body twists of the six sites per unit of each DH number, shape (36, 8, 4)."""
-    columns = np.zeros((6, 6, 8, 4))
-    twists = chain.site_twists(errors)
-    for transform, site in enumerate(SITES):
-        columns[site, :, transform] = twists[transform].T
-    return columns.reshape(36, 8, 4)
+    columns = np.zeros((6, 8, 4, 6))
+    columns[SITES, range(8)] = chain.site_twists(errors)
+    return np.moveaxis(columns, -1, 1).reshape(36, 8, 4)
 
 
 def _slide_columns(wanted: FloatArray) -> FloatArray:
     """Return how the residuals of the six sites change with each step of the slides, shape (36, 12)."""
-    backward = adjoint(inverse(wanted))
-    columns = []
-    for joint, kind in enumerate(JOINT_KINDS):
-        for twist in _COMMUTING[kind]:
-            column = np.zeros((6, 6))
-            column[joint, twist] = -1.0
-            column[joint + 1] = backward[joint + 1, :, twist]
-            columns.append(column.ravel())
-    return np.array(columns).T
+    backward, columns = adjoint(inverse(wanted)), np.zeros((6, 6, len(_SLIDES)))
+    for k, (joint, component) in enumerate(_SLIDES):
+        columns[joint, component, k] = -1.0
+        columns[joint + 1, :, k] = backward[joint + 1, :, component]
+    return columns.reshape(36, -1)
 
 
 def _slide(slides: FloatArray, steps: FloatArray) -> FloatArray:
     """Return the slides after a step along the twists that commute with each joint; they stay a group."""
-    result, k = slides.copy(), 0
-    for joint, kind in enumerate(JOINT_KINDS):
-        twist = np.zeros(6)
-        for component in _COMMUTING[kind]:
-            twist[component] = steps[k]
-            k += 1
-        result[joint + 1] = result[joint + 1] @ pin.exp6(twist).homogeneous
-    return result
+    twists = np.zeros((7, 6))
+    for (joint, component), step in zip(_SLIDES, steps, strict=True):
+        twists[joint + 1, component] = step
+    return np.asarray(slides @ [pin.exp6(twist).homogeneous for twist in twists])
