@@ -29,17 +29,6 @@ from pouring_robot.batch.kernels.compiler import compiled
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 
-# Where things stand in a row of ``gaps``. All vectors are in base axes; the residual's parts v and w are those of log6
-# turned from frame b into base axes.
-ORIGIN_B = 0  # origin of frame b
-GAP = 3  # origin of b minus origin of a
-TURN = 6  # w
-SHIFT = 9  # v
-FORCE = 12
-TORQUE = 15  # about the origin of b
-AXES_A = 18  # rotation of frame a
-_GAPS_WIDTH = 27
-
 
 class Room(NamedTuple):
     """Working arrays of one thread, for C chains of J joints with P passive places."""
@@ -50,7 +39,14 @@ class Room(NamedTuple):
     platform: FloatArray  # rotation and position of the end frame in the base frame, (12,)
     platform_before: FloatArray  # before the step, (12,)
     frames: FloatArray  # z axis (the joint's own), origin and x axis of each joint's placement, in base axes, (C, J, 9)
-    gaps: FloatArray  # what ``evaluate`` finds about each loop, by the offsets above, (C, 27)
+    # What ``evaluate`` finds about each loop, in base axes:
+    origin_b: FloatArray  # origin of frame b, (C, 3)
+    gap: FloatArray  # origin of b minus origin of a, (C, 3)
+    turned: FloatArray  # w, which with v is log6 turned from frame b into base axes, (C, 3)
+    shift: FloatArray  # v, (C, 3)
+    force: FloatArray  # with which b pulls at a, (C, 3)
+    torque: FloatArray  # about the origin of b, (C, 3)
+    axes_a: FloatArray  # rotation of frame a, (C, 9)
     columns: FloatArray  # joint twists of the passive places about the chain's reference point, (C, 6 P)
     stiff: FloatArray  # W times the columns, (C, 6 P)
     factor: FloatArray  # unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P)
@@ -94,7 +90,7 @@ def make_room(star: Star) -> Room:
     chains, joints = star.revolute.shape
     places = star.passive.shape[1]
     count, six = chains * joints, (chains, 6 * places)
-    shapes = (count, count, 12, 12, (chains, joints, 9), (chains, _GAPS_WIDTH), six, six)
+    shapes = (count, count, 12, 12, (chains, joints, 9), *[(chains, 3)] * 6, (chains, 9), six, six)
     more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
     return Room(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
 
@@ -178,15 +174,14 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
         gap = minus(b, a)
         v = shift_over(gap, w, -1.0)
         force, torque = residual_wrench(v, w, kt, kr)
-        row = room.gaps[i]
-        put(row, ORIGIN_B, b)
-        put(row, GAP, gap)
-        put(row, TURN, w)
-        put(row, SHIFT, v)
-        put(row, FORCE, force)
-        put(row, TORQUE, torque)
+        put(room.origin_b[i], 0, b)
+        put(room.gap[i], 0, gap)
+        put(room.turned[i], 0, w)
+        put(room.shift[i], 0, v)
+        put(room.force[i], 0, force)
+        put(room.torque[i], 0, torque)
         for k in range(9):
-            row[AXES_A + k] = r_a[k]
+            room.axes_a[i, k] = r_a[k]
         energy += 0.5 * (kt * dot(v, v) + kr * dot(w, w))
         # NaN must win: it compares false with everything.
         for value in (v[0], v[1], v[2], w[0], w[1], w[2]):
@@ -198,8 +193,8 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
 @compiled
 def residual_of(room: Room, i: int, residual: FloatArray) -> None:
     """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, (6,)."""
-    r_a, w = nine(room.gaps[i], AXES_A), three(room.gaps[i], TURN)
-    put(residual, 0, turn_back(r_a, shift_over(three(room.gaps[i], GAP), w, 1.0)))
+    r_a, w = nine(room.axes_a[i], 0), three(room.turned[i], 0)
+    put(residual, 0, turn_back(r_a, shift_over(three(room.gap[i], 0), w, 1.0)))
     put(residual, 3, turn_back(r_a, w))
 
 

@@ -22,12 +22,6 @@ import math
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
 from pouring_robot.batch.kernels.loops import (
-    FORCE,
-    GAP,
-    ORIGIN_B,
-    SHIFT,
-    TORQUE,
-    TURN,
     Room,
     evaluate,
     joint_twist,
@@ -120,8 +114,8 @@ def solve_step(star: Star, room: Room) -> float:
     s, step = room.schur, room.step
     step[:] = 0.0
     for i in range(star.revolute.shape[0]):
-        force, torque = three(room.gaps[i], FORCE), three(room.gaps[i], TORQUE)
-        b = three(room.gaps[i], ORIGIN_B)
+        force, torque = three(room.force[i], 0), three(room.torque[i], 0)
+        b = three(room.origin_b[i], 0)
         moment = cross(minus(b, three(room.platform, 9)), force)
         for c in range(3):
             step[c] -= force[c]
@@ -179,12 +173,12 @@ def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
     The reference point is the origin of frame b, or (not exact) the midpoint of frames a and b.
     """
     kt, kr = star.stiffness[0], star.stiffness[1]
-    gaps, columns, stiff = room.gaps[i], room.columns[i], room.stiff[i]
-    reference = three(gaps, ORIGIN_B)
+    columns, stiff = room.columns[i], room.stiff[i]
+    reference = three(room.origin_b[i], 0)
     if exact:
-        wrench_stiffness(three(gaps, SHIFT), three(gaps, TURN), kt, kr, room.matrix, room.blocks)
+        wrench_stiffness(three(room.shift[i], 0), three(room.turned[i], 0), kt, kr, room.matrix, room.blocks)
     else:
-        reference = minus(reference, scaled(0.5, three(gaps, GAP)))
+        reference = minus(reference, scaled(0.5, three(room.gap[i], 0)))
         room.matrix[:] = 0.0
         for c in range(3):
             room.matrix[7 * c], room.matrix[21 + 7 * c] = kt, kr

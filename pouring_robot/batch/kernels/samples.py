@@ -8,8 +8,6 @@ import math
 from pouring_robot.batch.kernels.algebra import dot, product, transposed
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.loops import (
-    SHIFT,
-    TURN,
     Closures,
     Room,
     Samples,
@@ -94,7 +92,7 @@ def place_errors(star: Star, room: Room, samples: Samples, row: int, first: int)
 def small_gaps(star: Star, room: Room, options: FloatArray) -> bool:
     """Return whether no loop is open by more than ``options[4]`` (m) and ``options[5]`` (rad)."""
     for i in range(star.revolute.shape[0]):
-        shift, turned = three(room.gaps[i], SHIFT), three(room.gaps[i], TURN)
+        shift, turned = three(room.shift[i], 0), three(room.turned[i], 0)
         if not (dot(shift, shift) <= options[4] ** 2 and dot(turned, turned) <= options[5] ** 2):
             return False
     return True

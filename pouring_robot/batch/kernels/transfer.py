@@ -29,9 +29,6 @@ from pouring_robot.batch.kernels.algebra import (
 )
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.loops import (
-    FORCE,
-    ORIGIN_B,
-    TORQUE,
     Room,
     Samples,
     arm_of,
@@ -110,7 +107,7 @@ def enter_chain(star: Star, room: Room, i: int, exact: bool) -> Triple:
 @compiled
 def bracket(room: Room, i: int, linear: Triple, angular: Triple) -> tuple[Triple, Triple]:
     """Return the bracket form of loop i's wrench applied to a twist about frame b: ``(W^T - W) D``."""
-    force, torque = three(room.gaps[i], FORCE), three(room.gaps[i], TORQUE)
+    force, torque = three(room.force[i], 0), three(room.torque[i], 0)
     return cross(angular, force), plus(cross(linear, force), cross(angular, torque))
 
 
@@ -185,7 +182,7 @@ def transfer_one(star: Star, room: Room, columns: Columns, matrix: FloatArray, e
             room.front[c] = -room.front[c]
         for r in range(6 if exact else 0):
             add_to_front(room, r, 1.0, bracket(room, i, three(room.through, 6 * r), three(room.through, 6 * r + 3)))
-        arm = minus(reference, three(room.gaps[i], ORIGIN_B))
+        arm = minus(reference, three(room.origin_b[i], 0))
         turned_axes = product(nine(room.platform, 0), nine(room.sites[i, joints + 1], 0))
         write_site(room, columns, i * (joints + 1) + joints, transposed(turned_axes), arm, matrix)
 
