@@ -46,6 +46,8 @@ class Body:
     collisions: tuple[Shape, ...]  # what is touched
 
 
+# What says the sizes of a shape.
+_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",)}
 # Of a drive's servo: what it yields at its rated force, in m or rad, and how fast it answers, in rad/s.
 _YIELDS, _BANDWIDTH = 5e-3, 100.0
 
@@ -99,13 +101,14 @@ class Assembly:
             m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None
         }
         links = {str(link.get("name")): link for link in root.iterfind("link")}
-        joints = {}
-        for entry in root.iterfind("joint"):
-            if entry.get("name") not in mechanism.loops.cut_joints:
-                one = _joint(entry, closed)
-                joints[one.child] = one
+        kept = (entry for entry in root.iterfind("joint") if entry.get("name") not in mechanism.loops.cut_joints)
+        joints = {joint.child: joint for joint in (_joint(entry, closed) for entry in kept)}
         carried = {entry.find("child").get("link") for entry in root.iterfind("joint")}
         base = next(name for name in links if name not in carried)
+
+        def depth(name: str) -> int:
+            return 1 + depth(joints[name].parent) if name in joints else 0
+
         bodies = {
             name: Body(
                 name,
@@ -114,10 +117,10 @@ class Assembly:
                 tuple(_shapes(links[name], "visual", paint)),
                 tuple(_shapes(links[name], "collision", paint)),
             )
-            for name in _carriers_first(links, joints)
+            for name in sorted(links, key=depth)
         }
         for frame in (frame for loop in mechanism.loops.loops for frame in (loop.frame_a, loop.frame_b)):
-            if frame not in bodies:
+            if frame not in links:
                 raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
         mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
         return cls(robot_name(root), bodies, joints, mechanism.loops, base, mimics)
@@ -158,13 +161,6 @@ class Assembly:
         return found
 
 
-def _carriers_first(links: Mapping[str, Any], joints: Mapping[str, Joint]) -> list[str]:
-    def depth(name: str) -> int:
-        return 1 + depth(joints[name].parent) if name in joints else 0
-
-    return sorted(links, key=depth)
-
-
 def _inertia(link: Any) -> pin.Inertia | None:
     inertial = link.find("inertial")
     mass = float(inertial.find("mass").get("value")) if inertial is not None else 0.0
@@ -184,32 +180,21 @@ def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
             own = material.find("color")
             rgba = paint.get(material.get("name")) if own is None else own.get("rgba")
         colour = tuple(float(v) for v in rgba.split()) if rgba else Shape.colour
-        match form.tag:
-            case "box":
-                sizes = form.get("size", "").split()
-            case "cylinder":
-                sizes = form.get("radius"), form.get("length")
-            case "sphere":
-                sizes = (form.get("radius"),)
-            case "mesh":
-                sizes = form.get("scale", "1 1 1").split()
-            case _:
-                raise DescriptionError("URDF", f"link {link.get('name')}: a '{form.tag}' cannot be exported")
-        mesh = PurePosixPath(form.get("filename", "")).name if form.tag == "mesh" else ""
-        yield Shape(form.tag, tuple(map(float, sizes)), origin_pose(entry), mesh, colour)
+        if form.tag not in _SIZES:
+            raise DescriptionError("URDF", f"link {link.get('name')}: a '{form.tag}' cannot be exported")
+        written = (form.get(key, "1 1 1" if key == "scale" else "") for key in _SIZES[form.tag])
+        mesh = PurePosixPath(form.get("filename", "")).name
+        yield Shape(form.tag, tuple(map(float, " ".join(written).split())), origin_pose(entry), mesh, colour)
 
 
 def _joint(entry: Any, closed: ClosedRobot) -> Joint:
     name, kind = str(entry.get("name")), str(entry.get("type"))
     if kind not in ("revolute", "continuous", "prismatic", "fixed"):
         raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
-    limit, dynamics = entry.find("limit"), entry.find("dynamics")
-    axis = joint_axis(entry)
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
-    lower, upper = joint_limits(entry)
-    effort, velocity = (float(limit.get(key, "0")) if limit is not None else 0.0 for key in ("effort", "velocity"))
-    damping, friction = (float(dynamics.get(k, "0")) if dynamics is not None else 0.0 for k in ("damping", "friction"))
+    axis, (lower, upper) = joint_axis(entry), joint_limits(entry)
+    said = {key: value for part in entry.xpath("limit | dynamics") for key, value in part.attrib.items()}
     return Joint(
         name,
         "revolute" if kind == "continuous" else kind,
@@ -218,8 +203,5 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
         closed.joints.get(name, 0.0),
         (lower, upper) if kind in ("revolute", "prismatic") and lower != upper else None,
-        effort,
-        velocity,
-        damping,
-        friction,
+        *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
     )

@@ -178,14 +178,12 @@ def _joint(element: Any, joint: Joint, assembly: Assembly) -> None:
 
 
 def _geom(element: Any, shape: Shape, assembly: Assembly, **more: str) -> None:
-    kinds = {"box": 0.5, "cylinder": 0.5, "sphere": 1.0, "mesh": 0.0}
+    halved = {"box": (0.5, 0.5, 0.5), "cylinder": (1.0, 0.5), "sphere": (1.0,)}
     geom = etree.SubElement(element, "geom", type=shape.kind, **_pose(shape.pose), **more)
     if shape.kind == "mesh":
         geom.set("mesh", assembly.meshes[shape.mesh, shape.sizes])
-    elif shape.kind == "cylinder":
-        geom.set("size", text((shape.sizes[0], 0.5 * shape.sizes[1])))
     else:
-        geom.set("size", text(kinds[shape.kind] * size for size in shape.sizes))
+        geom.set("size", text(np.multiply(halved[shape.kind], shape.sizes)))
 
 
 @dataclass(frozen=True)
