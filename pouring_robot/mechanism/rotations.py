@@ -49,7 +49,7 @@ def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
     """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad; NaN where a component is missing."""
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.from_rotvec(rotation_vectors_rad.reshape(-1, 3))
+    turns = Rotation.from_rotvec(np.array(rotation_vectors_rad).reshape(-1, 3))  # it takes no read-only array
     return np.asarray(turns.as_matrix().reshape(*rotation_vectors_rad.shape, 3))
 
 
