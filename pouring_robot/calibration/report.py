@@ -217,9 +217,10 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, o
     folder, model = check_folder(folder), described(calibration)
     refuse_present([folder / name for name in (FIGURES, REPORT)], overwrite=overwrite)  # before the work
     try:
-        files = urdf_files(ClosedRobot.of(model).urdf, folder, model.definition.files_beside())
+        tree = urdf_files(ClosedRobot.of(model).urdf, folder, model.definition.files_beside())
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
+    files: dict[Path, bytes | str] = dict(tree)
     files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"
     files[folder / REPORT] = html_report(calibration)
     files[folder / MODEL] = model.file_text(folder)  # others may wait for it

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
@@ -53,7 +52,7 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))
     disagreement, drives = None, frames.data.drives
     if campaign.redundant_drives:
-        closed = engine_for(drawing.mechanism).close(drives, drawing.starts(drives))
+        closed = drawing.engine.close(drives, drawing.starts(drives))
         disagreement = rms(closed.disagreement[campaign.usable])
     return Examination(flags, frames.data, frames.fit, disagreement)
 

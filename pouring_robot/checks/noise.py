@@ -22,7 +22,6 @@ import scipy.linalg
 import scipy.optimize
 from scipy.special import chdtri
 
-from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
@@ -178,7 +177,7 @@ def _scatters(
 
 def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Indices) -> Iterator[FloatArray]:
     """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
-    robot, engine = campaign.robot, engine_for(drawing.mechanism)
+    robot, engine = campaign.robot, drawing.engine
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
     place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(robot.payload_frame).translation
     moved = engine.transfer(closed, drive_parameters(mechanism)).matrix

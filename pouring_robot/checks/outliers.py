@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
@@ -241,7 +240,7 @@ def target_effect(
 
     Displacement of its origin (m) and rotation vector (rad), per m and rad.
     """
-    engine, start = engine_for(drawing.mechanism), drawing.starts(drives)
+    engine, start = drawing.engine, drawing.starts(drives)
     reached = np.flatnonzero(np.isfinite(start.position).all(axis=1))
     closed = engine.close(drives[reached], start[reached])
     matrix = engine.transfer(closed, parameters).matrix

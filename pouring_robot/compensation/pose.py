@@ -236,7 +236,7 @@ def compensate(
             state = held(search.drives)
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
-        kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
+        kinematics.refuse_beyond_limits(result.joint_values)
     except (ClosureError, CompensationError, SingularPoseError):
         # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
         kinematics.refuse_beyond_limits(values)

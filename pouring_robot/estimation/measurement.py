@@ -33,7 +33,7 @@ from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
-from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
+from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -218,7 +218,7 @@ class MeasurementModel:
         exp(w + dw) turns by the right Jacobian of w, and dv is seen in the turned axes.
         """
         maps = {
-            site: (pin.exp3(errors[site, 3:]).T, right_jacobian(errors[site, 3:]))
+            site: (pin.exp3(errors[site, 3:]).T, pin.Jexp3(errors[site, 3:]))
             for site in np.flatnonzero(errors[:, 3:].any(axis=1)).tolist()
         }
         moved: list[LocalParameter] = []
@@ -350,7 +350,7 @@ class ModelledRows:
         places = unknowns.frames.places(prediction.poses)
         displaced = (rotation_matrices(base[:, 3:]) @ places[..., None])[..., 0] + base[:, :3]
         own = jacobian[:, :, :6].copy()
-        own[:, :, 3:] = own[:, :, 3:] @ np.array([right_jacobian(turn) for turn in base[:, 3:]])
+        own[:, :, 3:] = own[:, :, 3:] @ np.array([pin.Jexp3(turn) for turn in base[:, 3:]])
         jacobian[:, :3, 3:6], jacobian[:, 3:, 3:6] = -outer @ skew(displaced), outer
         count = len(self.model.sessions) // 6
         columns = [own * (self.session == k)[:, None, None] for k in range(count)]

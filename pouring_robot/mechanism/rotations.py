@@ -1,12 +1,11 @@
 """Rotation vectors of stacks of poses, and the matrices that turn their small changes into turns.
 
-With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian says
+With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian (``pin.Jexp3``) says
 ``exp(w + dw) = exp(w) exp(right_jacobian(w) dw)``; see e.g. Chirikjian, *Stochastic Models, Information Theory, and
 Lie Groups* 2, §10.6.
 """
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -21,11 +20,6 @@ def skew(vectors: FloatArray) -> FloatArray:
     matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
     matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
     return matrices
-
-
-def right_jacobian(rotation_vector: FloatArray) -> FloatArray:
-    """Return the right Jacobian (3, 3) of exp at one rotation vector (3,), in rad."""
-    return np.asarray(pin.Jexp3(np.asarray(rotation_vector, dtype=float)))
 
 
 def inverse_right_jacobians(rotation_vectors: FloatArray) -> FloatArray:

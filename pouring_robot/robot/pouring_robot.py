@@ -70,7 +70,7 @@ class PouringRobot(Robot):
         """Close the robot as built for commanded drive values, and check its own joints against their limits."""
         result = self.actual_solver.solve(self.actual_drives(drives), start)
         # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
-        self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
+        self.kinematics.refuse_beyond_limits(result.joint_values)
         return result
 
     @overload

@@ -20,7 +20,7 @@ import pinocchio as pin
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
-from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
+from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
 FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
     *(FrameParameter("base", component) for component in COMPONENTS),
@@ -113,9 +113,9 @@ def displaced_columns(values: FloatArray) -> FloatArray:
     Jacobian of w in turned axes, by the left one in the axes before.
     """
     chain, turn = np.eye(FRAMES), values[9:12]
-    left = right_jacobian(-turn)  # the left Jacobian of w is the right one of -w
+    left = pin.Jexp3(-turn)  # the left Jacobian of w is the right one of -w
     chain[0:3, 0:3] = pin.exp3(values[3:6]).T
-    chain[3:6, 3:6] = right_jacobian(values[3:6])
+    chain[3:6, 3:6] = pin.Jexp3(values[3:6])
     chain[6:9, 9:12] = skew(values[6:9]) @ left
     chain[9:12, 9:12] = left
     return chain

@@ -42,6 +42,10 @@ class CommandAxis:
         """Return a value (m or rad) as the table has it, in mm or degrees."""
         return (value - self.zero) / self.factor / self._shown[1]
 
+    def value(self, shown: float) -> float:
+        """Return the value (m or rad) that the table has so."""
+        return shown * self._shown[1] * self.factor + self.zero
+
     def text(self, value: float) -> str:
         """Return the same as a round figure."""
         return f"{self.shown(value):.{1 if self.quantity.kind == 'length' else 2}f}"

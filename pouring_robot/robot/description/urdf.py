@@ -216,10 +216,10 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     return write_together(urdf_files(urdf, folder, beside))[-1]
 
 
-def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
+def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes]:
     """Return what :func:`write_urdf` writes, by path; the URDF last."""
     root = parsed(urdf)
-    files, names = dict[Path, bytes | str](), dict[Path, str]()
+    files, names = dict[Path, bytes](), dict[Path, str]()
     for mesh in root.iter("mesh"):
         if _of_others(mesh.get("filename", "")):
             continue  # of a package that only its owner has: the address stays

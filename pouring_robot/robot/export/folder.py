@@ -4,6 +4,7 @@ An SRDF says which bodies touch because they are joined, or because they are dra
 """
 
 import io
+import itertools
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -42,15 +43,15 @@ def exported_files(
         for stale in sorted(path for path in (*joints, *map(folder.joinpath, beside)) if path.exists()):
             raise BadInputError(f"{stale}: is of a tree with other zeros; delete it, or choose another folder")
         joints, beside = set(), {}
-    files = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
-    *_, urdf = files
-    drawn = _bytes(files.pop(urdf))
+    tree = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
+    urdf, drawn = tree.popitem()
     assembly = Assembly.of(closed, drawn)
     name = assembly.name
-    for path in [path for path in files if path.parent.name == "meshes"]:
-        mesh = _mesh(path, _bytes(files[path]))
+    files: dict[Path, bytes | str] = dict(tree)
+    for path in (path for path in tree if path.parent.name == "meshes"):
+        mesh = _mesh(path, tree[path])
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
-        files[path.with_suffix(".glb")] = _bytes(mesh.export(file_type="glb"))
+        files[path.with_suffix(".glb")] = bytes(mesh.export(file_type="glb"))
     pairs = joined_or_touching(closed, assembly)
     files |= {place: joints_text([JointRow.of(closed.result)], place) for place in sorted(joints)}
     if form != "urdf":
@@ -81,12 +82,8 @@ def _mesh(path: Path, content: bytes) -> Any:
     return mesh
 
 
-def _bytes(content: Any) -> bytes:
-    return content.encode() if isinstance(content, str) else bytes(content)
-
-
-def _absolute(urdf: bytes | str, folder: Path) -> bytes:
-    root = etree.fromstring(_bytes(urdf))
+def _absolute(urdf: bytes, folder: Path) -> bytes:
+    root = etree.fromstring(urdf)
     for mesh in root.iter("mesh"):
         if "://" not in mesh.get("filename"):
             mesh.set("filename", str((folder / mesh.get("filename")).resolve()))
@@ -120,10 +117,9 @@ def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
     model = pin.buildModelFromXML(closed.urdf)
     shapes = pin.buildGeomFromUrdfString(model, _with_what_is_here(closed.urdf), pin.GeometryType.COLLISION)
     names = [model.frames[item.parentFrame].name for item in shapes.geometryObjects]
-    for i, one in enumerate(names):
-        for k in range(i + 1, len(names)):
-            if names[k] != one:
-                shapes.addCollisionPair(pin.CollisionPair(i, k))
+    for (i, one), (k, other) in itertools.combinations(enumerate(names), 2):
+        if one != other:
+            shapes.addCollisionPair(pin.CollisionPair(i, k))
     placed = shapes.createData()
     pin.computeCollisions(model, model.createData(), shapes, placed, configured(model, closed.joints), False)
     found = {

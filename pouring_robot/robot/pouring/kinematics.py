@@ -99,16 +99,11 @@ class FourUPUKinematics(Drawing):
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
         return self.configuration(self.forward(self.mechanism.named_drives(drives)))
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the 20 chain joints, chain by chain from base to tip."""
-        return sum(CHAIN_JOINTS, ())
-
     def joint_values(self, pose: PlatformPose) -> dict[str, float]:
         """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
         expect(pose, PlatformPose, "a pose is a PlatformPose")
         joints = self.chain_joints(np.array(pose.position_m), np.array(pose.tilt_rad))
-        return dict(zip(self.joint_names, joints.ravel().tolist(), strict=True))
+        return dict(zip(sum(CHAIN_JOINTS, ()), joints.ravel().tolist(), strict=True))
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
         """Return the commanded drive values of a pose, in m and rad; raises UnreachablePoseError beyond limits."""

@@ -101,7 +101,7 @@ class RobotBench:
         missing = [axis.heading for axis in self._axes[group] if axis.heading not in wish.values]
         if missing:
             raise BadInputError(f"the page gives no value for {missing[0]}")
-        values = np.array([_inner(axis, wish.values[axis.heading]) for axis in self._axes[group]])
+        values = np.array([axis.value(wish.values[axis.heading]) for axis in self._axes[group]])
         return values if group == DRIVES else robot.command_at(values)
 
     def _values(self, location: Location) -> dict[str, float]:
@@ -155,9 +155,3 @@ def _slider(axis: CommandAxis, name: str, value: float) -> dict[str, Any]:
     if not all(map(math.isfinite, ends)):  # a joint without limits
         ends = [value - 180.0, value + 180.0] if unit == "deg" else [value - 500.0, value + 500.0]
     return {"id": axis.heading, "label": name, "unit": unit, "lower": ends[0], "upper": ends[1], "value": value}
-
-
-def _inner(axis: CommandAxis, shown: float) -> float:
-    """Return a value (m or rad) from what a slider shows: the other way round than ``shown``, which is linear."""
-    at_zero, at_one = axis.shown(0.0), axis.shown(1.0)
-    return (shown - at_zero) / (at_one - at_zero)
