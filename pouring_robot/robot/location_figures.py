@@ -8,7 +8,6 @@ import pinocchio as pin
 
 from pouring_robot.io.units import MM, MRAD, joint_shown_in
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.location import LadleLocation, Location
@@ -55,23 +54,6 @@ def _frame_figures(location: Location, frame: str) -> Figures:
     }
 
 
-def internal_load_figures(result: ClosureResult) -> Figures:
-    """Return what the joints are forced by because the chains over-constrain the platform, in N and Nm.
-
-    Each loop's force and torque are those with which its second frame pulls at the first one's chain, in the axes of
-    the second frame. They follow from the stiffness in the loops file, which is assumed.
-    """
-    names = result.mechanism.loops.names
-    return {
-        "force_N": result.internal_force_n,
-        "torque_Nm": result.internal_torque_nm,
-        "loops": {
-            name: {"force_N": wrench[:3].tolist(), "torque_Nm": wrench[3:].tolist()}
-            for name, wrench in zip(names, result.internal_wrench, strict=True)
-        },
-    }
-
-
 def _command_figures(location: Location) -> Figures:
     """Return the pose that was commanded, of a robot that is commanded by poses."""
     if not isinstance(location, LadleLocation):
@@ -101,7 +83,14 @@ def _limit_figures(location: Location) -> Figures:
 
 
 def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
-    """Return everything known of one location, ready for JSON; units are in the names."""
+    """Return everything known of one location, ready for JSON; units are in the names.
+
+    The internal load is what the joints are forced by because the chains over-constrain the platform. Each loop's force
+    and torque are those with which its second frame pulls at the first one's chain, in the axes of the second frame.
+    They follow from the stiffness in the loops file, which is assumed.
+    """
+    actual = location.actual
+    wrenches = zip(actual.mechanism.loops.names, actual.internal_wrench, strict=True)
     sideways = {}
     if weakness is not None:  # how far the most harmful axis tilt moves the pouring lip along y
         sideways["sideways"] = {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
@@ -110,13 +99,17 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
         "drives": joint_figures(location.nominal.mechanism, location.drives),
         "frames": {frame: _frame_figures(location, frame) for frame in location.loops.reported_frames},
         "closure": {
-            "left_open_mm": location.actual.gap_m / MM,
-            "left_open_mrad": location.actual.gap_rad / MRAD,
+            "left_open_mm": actual.gap_m / MM,
+            "left_open_mrad": actual.gap_rad / MRAD,
             "rank_nominal": location.nominal.rank,
-            "rank_actual": location.actual.rank,
+            "rank_actual": actual.rank,
             "freedoms_nominal": location.nominal.freedoms,
-            "iterations": location.actual.iterations,
-            "internal_load": internal_load_figures(location.actual),
+            "iterations": actual.iterations,
+            "internal_load": {
+                "force_N": actual.internal_force_n,
+                "torque_Nm": actual.internal_torque_nm,
+                "loops": {n: {"force_N": w[:3].tolist(), "torque_Nm": w[3:].tolist()} for n, w in wrenches},
+            },
         },
         **_limit_figures(location),
         "dexterity": {

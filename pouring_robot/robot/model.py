@@ -300,17 +300,15 @@ class RobotModel(StrictModel):
 
         Raises UnknownJointError where there is no such joint, BadInputError where the tree is cut at it.
         """
-        for joint in self.definition.loops.cut_joints:
+        drawn, loops = self.definition.urdf(), self.definition.loops
+        for joint in loops.cut_joints:
             if joint in self.joint_placements:
+                seat, *_ = (*carriers(parsed(drawn), loops.loops[0].frame_b), loops.loops[0].frame_b)
                 raise BadInputError(
                     f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
-                    f"chains' seats on it ({self._seat_joint()} ...) instead"
+                    f"chains' seats on it ({seat} ...) instead"
                 )
-        return perturb_urdf(self.definition.urdf(), self.displacements(), self.definition.source)
-
-    def _seat_joint(self) -> str:
-        seat = self.definition.loops.loops[0].frame_b
-        return next(iter(carriers(parsed(self.definition.urdf()), seat)), seat)
+        return perturb_urdf(drawn, self.displacements(), self.definition.source)
 
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
