@@ -138,7 +138,12 @@ class ClosureEnergy:
 
     def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
         self.mechanism, self.loads = mechanism, loads
-        self.model = self._loaded_model()
+        self.model = mechanism.shared_model
+        if loads.payload_kg:
+            self.model = mechanism.copy_model()
+            frame = self.model.frames[mechanism.frame_id(self.payload_frame)]
+            point_mass = pin.Inertia(loads.payload_kg, np.array(loads.payload_centre_m), np.zeros((3, 3)))
+            self.model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
         self.data = self.model.createData()
         self._constraints = pin.StdVec_ConstraintModel()
         self._constraint_data = pin.StdVec_ConstraintData()
@@ -166,17 +171,6 @@ class ClosureEnergy:
         if frame is None:
             raise BadInputError("the loops file names no end_frame: say in the loads which payload_frame is loaded")
         return frame
-
-    def _loaded_model(self) -> pin.Model:
-        """Return the model itself, or a copy that carries the payload."""
-        loads = self.loads
-        if not loads.gravity or loads.payload_kg == 0.0:
-            return self.mechanism.shared_model
-        model = self.mechanism.copy_model()
-        frame = model.frames[self.mechanism.frame_id(self.payload_frame)]
-        point_mass = pin.Inertia(loads.payload_kg, np.array(loads.payload_centre_m), np.zeros((3, 3)))
-        model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
-        return model
 
     @functools.cached_property
     def free_columns(self) -> NDArray[np.intp]:

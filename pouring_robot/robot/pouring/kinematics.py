@@ -122,17 +122,14 @@ class FourUPUKinematics(Drawing):
     @functools.cached_property
     def _pairs(self) -> tuple[FloatArray, FloatArray]:
         """Return fixed and moving centres of the two chain pairs in the x-z plane, shape (2, 2)."""
-        plane = np.array([0, 2])
-        rear, front = slice(0, 2), slice(2, 4)
-        centres = []
-        for all_centres in (self.fixed_centres_m, self.moving_centres_m):
-            if not np.allclose(all_centres[[0, 2]][:, plane], all_centres[[1, 3]][:, plane], atol=1e-12):
+        pairs = [centres[:, [0, 2]].reshape(2, 2, 2) for centres in (self.fixed_centres_m, self.moving_centres_m)]
+        for pair in pairs:
+            if not np.allclose(pair[:, 0], pair[:, 1], atol=1e-12):
                 raise NoSolutionError(
                     "the closed-form forward kinematics needs chains 1 and 2, and 3 and 4, in common planes; "
                     "this layout has them apart: give the closure a start configuration instead"
                 )
-            centres.append(np.array([all_centres[rear].mean(axis=0)[plane], all_centres[front].mean(axis=0)[plane]]))
-        return centres[0], centres[1]
+        return pairs[0].mean(axis=1), pairs[1].mean(axis=1)
 
     def forward(self, drives: Mapping[str, float], near: PlatformPose | None = None) -> PlatformPose:
         """Return the nominal pose for drive values (m, rad) by joint name, in closed form.
