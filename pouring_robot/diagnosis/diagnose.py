@@ -23,7 +23,7 @@ from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.unknown import poses, processes_of, varied
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
-from pouring_robot.effects.conditions import rows_beyond
+from pouring_robot.effects.gaps import rows_without
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
@@ -213,7 +213,7 @@ class _Work:
     def searched(self, wrong: Indices, start: Hypothesis | None = None) -> _Searched:
         """Search with some rows left out, from what was found with more rows."""
         kept = self.campaign.usable.copy()
-        for rows_out in (wrong, *rows_beyond(self.campaign).values()):
+        for rows_out in (wrong, *rows_without(self.campaign).values()):
             kept[rows_out] = False
         inliers = np.flatnonzero(kept)
         if inliers.size < _FEWEST_ROWS:

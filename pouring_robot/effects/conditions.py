@@ -13,7 +13,8 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE, CampaignMetadata
+from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.effects.gaps import filled_in, with_gaps
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -248,16 +249,12 @@ class NominalRows:
     payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
-_MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
-
-
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
     """Return the conditions of a campaign whose rows are all usable; ``nominal`` are the same rows by the drawing.
 
     From another campaign, if one is given, shapes count (``learned``), and its facts of the machine hold.
     """
-    filled: list[str] = []
-    whole = functools.partial(_without_gaps, campaign, filled)
+    whole = functools.partial(filled_in, campaign)
     facts, robot = learned or campaign.metadata, nominal.robot
     stated = facts.reference_temperature_degC
     reference = reference_degC(stated)
@@ -295,7 +292,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         screw_pitch_m=facts.screw_pitch_m,
         truss_span_m=facts.truss_span_m,
         learned=learned,
-        filled=tuple(filled),
+        filled=with_gaps(campaign),
         assumed=() if stated is not None else (f"reference temperature {reference:g} °C",),
     )
 
@@ -376,47 +373,3 @@ def _loads(
     carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T
     moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
-
-
-def rows_beyond(campaign: Campaign) -> dict[str, Indices]:
-    """Return the rows in which a condition is not known yet, or not any more, by its heading, ascending.
-
-    Between two known values others may be filled in; of what comes long after the last one nobody knows anything. A few
-    rows count as between, and so does what is the same wherever it is known. Where each pose was driven to from the
-    row before, nobody knows the side of a session's first row, and no other tells it.
-    """
-    order, found = np.argsort(_times(campaign), kind="stable"), {}
-    for name, values in campaign.conditions.items():
-        known = np.flatnonzero(np.isfinite(values[order]))
-        if name != "time" and known.size and np.ptp(values[order][known]) > 0.0:
-            ends = order[: known[0]], order[known[-1] + 1 :]
-            if rows := [row for end in ends if len(end) > _MOST_BEYOND for row in end.tolist()]:
-                found[campaign.heading(name)] = np.sort(np.array(rows, dtype=np.intp))
-    if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:
-        unsaid = campaign.usable & np.isnan(campaign.approach).all(axis=1)
-        if unsaid.any() and not unsaid.all():
-            found["the side that drives came from"] = np.flatnonzero(unsaid)
-    return found
-
-
-def _times(campaign: Campaign) -> FloatArray:
-    """Return the times of the rows, (n,), in s, or their numbers where not all are known."""
-    time = campaign.time_s
-    return np.arange(len(campaign), dtype=float) if time is None or not np.isfinite(time).all() else time
-
-
-def _without_gaps(campaign: Campaign, filled: list[str], name: str) -> FloatArray | None:
-    """Return a quantity, (n,), missing cells filled in from their neighbours in time; None where there is none.
-
-    The headings of those that had gaps are added to ``filled``.
-    """
-    values = campaign.quantity(name)
-    if values is None or np.isfinite(values).all():
-        return values
-    known, time = np.isfinite(values), _times(campaign)
-    order = np.argsort(time[known], kind="stable")
-    cells = np.interp(time[~known], time[known][order], values[known][order])
-    whole = np.array(values)
-    whole[~known] = np.sign(cells) + (cells == 0.0) if name.startswith("approach_") else cells
-    filled.append(campaign.heading(name))
-    return whole

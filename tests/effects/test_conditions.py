@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.effects.conditions import rows_beyond
 from pouring_robot.effects.made_up import complete_conditions
 from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
@@ -200,25 +199,3 @@ def test_nothing_that_varies_is_zero():
     zero = {name: np.zeros_like(getattr(given, name)) for name in ("weight_n", "drive_force")}
     zero |= {name: dict.fromkeys(getattr(given, name), np.zeros(4)) for name in ("rises", "travels")}
     assert untestable(dataclasses.replace(given, **zero)) == set()
-
-
-def test_a_condition_is_not_carried_on_long_after_its_last_value(bench):
-    """Three rows are, and what never changed is; an hour of the last reading would be a furnace that stood still."""
-    leg1 = np.linspace(20.0, 40.0, len(bench.campaign))
-    ended, almost, same = leg1.copy(), leg1.copy(), np.full(len(leg1), 20.0)
-    ended[-4:], almost[-3:], same[1:] = np.nan, np.nan, np.nan
-    found = rows_beyond(bench.campaign.with_conditions(leg1=ended, leg2=almost, leg3=same))
-    assert list(found) == ["leg1_degC"]
-    np.testing.assert_array_equal(found["leg1_degC"], np.arange(len(leg1) - 4, len(leg1)))
-
-
-def test_the_side_of_a_first_row_is_not_guessed(bench):
-    """Driven to from the row before, as the metadata say; of another campaign single empty cells are filled in."""
-    sides = np.array(bench.campaign.approach)
-    sides[[0, 7]], sides[9, 1] = np.nan, np.nan
-    stated = dataclasses.replace(bench.campaign, approach=sides)
-    assert not rows_beyond(stated)
-    metadata = stated.metadata.model_copy(update={"approach": "row before"})
-    (rows,) = rows_beyond(dataclasses.replace(stated, metadata=metadata)).values()
-    np.testing.assert_array_equal(rows, [0, 7])
-    assert not rows_beyond(dataclasses.replace(stated, metadata=metadata, approach=np.full(sides.shape, np.nan)))

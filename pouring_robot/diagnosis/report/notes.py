@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.checks.flags import FlagCode, where
 from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.effects.conditions import rows_beyond
+from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import KINDS
 from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
@@ -43,8 +43,8 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
     if unusable.size:
         lines.append(f"without a command or a measurement: {where(diagnosis.campaign, unusable, _MOST_LINES)}")
-    for heading, rows in rows_beyond(diagnosis.campaign).items():
-        said = f"left out, as {heading} is not known yet, or not any more (without that column they count)"
+    for heading, rows in rows_without(diagnosis.campaign).items():
+        said = f"left out, as {heading} is not known and other rows do not tell it (without that column they count)"
         lines.append(f"{said}: {where(diagnosis.campaign, rows, _MOST_LINES)}")
     effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
     by_session = [effect for effect in named if effects[effect].driver == "session"]

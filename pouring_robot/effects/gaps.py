@@ -1,0 +1,94 @@
+"""Cells of conditions that are missing: filled in from their neighbours in time where these tell them.
+
+Temperatures follow the rows before and after. What somebody sets row by row, loads, travels, sides, forces, may stay
+as it was for many rows or be drawn anew for each: the column itself shows which.
+"""
+
+import numpy as np
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
+
+_MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
+_ALIKE = 0.1
+"""Of a column's range: values no further apart are alike. A cell that is off by as much does to an effect, in one row,
+a tenth of the most that the effect does."""
+_SHARE_TOLD = 0.9
+"""Of values between two that are alike, so many have to be like them: as is to be expected of the next one (Laplace's
+rule of succession)."""
+
+
+def rows_without(campaign: Campaign) -> dict[str, Indices]:
+    """Return the rows in which a condition is not known and no others tell it, by its heading, ascending.
+
+    Temperatures between two known ones are told by them; what is set row by row is between two that are alike; what is
+    the same wherever it is known is everywhere. Of what comes long after the last one nobody knows anything; a few rows
+    count as between. Where each pose was driven to from the row before, nobody knows the side of a session's first row.
+    """
+    order, found = np.argsort(_times(campaign), kind="stable"), {}
+    for quantity in campaign.robot.condition_columns:
+        side = quantity.kind == "sign" and campaign.metadata.approach == FROM_THE_ROW_BEFORE
+        if quantity.kind in ("label", "time") or side:
+            continue
+        values = campaign.quantity(quantity.name)
+        if values is not None and not np.isfinite(values).all():
+            untold = order[_untold(values[order], between=quantity.kind == "temperature")]
+            if untold.size:
+                found[quantity.canonical] = np.sort(untold)
+    if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:
+        unsaid = campaign.usable & np.isnan(campaign.approach).all(axis=1)
+        if unsaid.any() and not unsaid.all():
+            found["the side that drives came from"] = np.flatnonzero(unsaid)
+    return found
+
+
+def with_gaps(campaign: Campaign) -> tuple[str, ...]:
+    """Return the headings of conditions that are known of some rows only."""
+    some = ((q.canonical, campaign.quantity(q.name)) for q in campaign.robot.condition_columns if q.kind != "label")
+    return tuple(heading for heading, values in some if values is not None and not np.isfinite(values).all())
+
+
+def filled_in(campaign: Campaign, name: str) -> FloatArray | None:
+    """Return a quantity, (n,), missing cells filled in from their neighbours in time; None where there is none."""
+    values = campaign.quantity(name)
+    if values is None or np.isfinite(values).all():
+        return values
+    known, time = np.isfinite(values), _times(campaign)
+    order = np.argsort(time[known], kind="stable")
+    cells = np.interp(time[~known], time[known][order], values[known][order])
+    whole = np.array(values)
+    whole[~known] = np.sign(cells) + (cells == 0.0) if name.startswith("approach_") else cells
+    return whole
+
+
+def _untold(values: FloatArray, between: bool) -> Indices:
+    """Return the missing ones of values in the order of time, (n,), that the others do not tell.
+
+    ``between`` says that any two known ones tell what lies between them.
+    """
+    known, gaps = np.flatnonzero(np.isfinite(values)), np.flatnonzero(np.isnan(values))
+    if not known.size or np.ptp(values[known]) == 0.0:
+        return gaps[:0]
+    after = np.searchsorted(known, gaps)
+    last = known.size - 1
+    first, second = values[known[np.maximum(after - 1, 0)]], values[known[np.minimum(after, last)]]
+    told = np.ones(gaps.size, dtype=bool) if between else _alike(first, second, values[known])
+    for end in (after == 0, after > last):
+        told[end] &= end.sum() <= _MOST_BEYOND
+    return gaps[~told]
+
+
+def _alike(first: FloatArray, second: FloatArray, known: FloatArray) -> BoolArray:
+    """Return where two values, (m,) each, are alike, if known ones, (k,) in the order of time, show that this tells."""
+    least = _ALIKE * np.ptp(known)
+    around = np.abs(known[2:] - known[:-2]) <= least
+    told = around & (np.abs(known[1:-1] - known[:-2]) <= least)
+    tells = (told.sum() + 1.0) / (around.sum() + 2.0) >= _SHARE_TOLD
+    return np.asarray((np.abs(first - second) <= least) & tells)
+
+
+def _times(campaign: Campaign) -> FloatArray:
+    """Return the times of the rows, (n,), in s, or their numbers where not all are known."""
+    time = campaign.time_s
+    return np.arange(len(campaign), dtype=float) if time is None or not np.isfinite(time).all() else time
