@@ -38,8 +38,8 @@ from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
-from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.urdf import description_folder
+from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 from pouring_robot.robot.export.paths import examples_path
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_command_lines, read_pose_lines

@@ -10,8 +10,8 @@ import pytest
 import yaml
 from lxml import etree
 
-from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder
+from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 

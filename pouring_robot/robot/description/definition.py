@@ -248,7 +248,7 @@ class RobotDefinition:
         if self.file.urdf is not None:
             drawn = read_urdf(self.source)
         else:
-            from pouring_robot.robot.description.rendering import run_xacro
+            from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
             drawn = run_xacro(self.source, self.file.mappings)
         if self._kinds:

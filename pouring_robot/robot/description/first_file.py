@@ -19,9 +19,9 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import carriers, check_sound, joint_limits, parsed, read_urdf
+from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first

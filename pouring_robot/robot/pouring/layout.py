@@ -194,7 +194,7 @@ def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[st
     """Return the rendering that the key stands for: an earlier process may have made it."""
 
     def render() -> str:
-        from pouring_robot.robot.description.rendering import run_xacro
+        from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
         path = Path(dict(arguments)["layouts_file"])
         urdf = run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments), [path])
