@@ -24,8 +24,8 @@ from .mechanism.closure.energy import Loads as Loads
 from .mechanism.closure.solver import ClosureOptions as ClosureOptions
 from .mechanism.closure.solver import ClosureResult as ClosureResult
 from .mechanism.closure.solver import ClosureSolver as ClosureSolver
-from .mechanism.loops import LoopsFile as LoopsFile
-from .mechanism.loops import load_loops as load_loops
+from .mechanism.loops_file import LoopsFile as LoopsFile
+from .mechanism.loops_file import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
 from .robot.export.paths import package_path as package_path
 from .robot.export.paths import urdf_path as urdf_path

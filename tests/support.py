@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.layout import render_urdf

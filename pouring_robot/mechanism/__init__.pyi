@@ -9,9 +9,9 @@ from .conditioning import AxisWeakness as AxisWeakness
 from .conditioning import Dexterity as Dexterity
 from .conditioning import axis_weakness as axis_weakness
 from .conditioning import dexterity as dexterity
-from .loops import LoopsFile as LoopsFile
-from .loops import LoopSpec as LoopSpec
-from .loops import load_loops as load_loops
+from .loops_file import LoopsFile as LoopsFile
+from .loops_file import LoopSpec as LoopSpec
+from .loops_file import load_loops as load_loops
 from .parameters import DriveParameter as DriveParameter
 from .parameters import FrameParameter as FrameParameter
 from .parameters import LocalParameter as LocalParameter

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
-from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
+from pouring_robot.mechanism.loops_file import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
 
 GRAVITY_M_S2 = 9.80665

@@ -18,7 +18,7 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 # The parser writes to the process's standard error, of which there is one.

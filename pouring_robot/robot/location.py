@@ -17,7 +17,7 @@ from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.joint_limits import JointReach
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result

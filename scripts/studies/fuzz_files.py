@@ -35,7 +35,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.exceptions import PouringRobotError
-from pouring_robot.mechanism.loops import load_loops
+from pouring_robot.mechanism.loops_file import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.support import circle_meeting
 
 CRANK, GROUND, STROKE = 0.5, 0.8, 0.6

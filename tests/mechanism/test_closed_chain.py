@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.support import planar_urdf, pose_gap, random_poses
 
 FIVE_BAR = planar_urdf("five_bar", [("a", 0.0, [0.4, 0.6]), ("b", 0.5, [0.45, 0.55])])

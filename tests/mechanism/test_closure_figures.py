@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.mechanism.struts import joint
 
 AXIS = np.array([2.0, 3.0, 6.0]) / 7.0

@@ -13,7 +13,7 @@ from pouring_robot.mechanism.closure.energy import (
     log_wrench_derivative,
     motion_cross,
 )
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
 
 FIVE_BAR = planar_urdf("five_bar", [("a", 0.0, [0.4, 0.6]), ("b", 0.5, [0.45, 0.55])])

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.mechanism.struts import joint
 
 RATIO, CRANK, LEVER = 2.0, 0.5, 2.0

@@ -12,7 +12,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,

@@ -10,7 +10,7 @@ import pytest
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
-from pouring_robot.mechanism.loops import load_loops
+from pouring_robot.mechanism.loops_file import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE

@@ -70,7 +70,7 @@ def determined(room: Room) -> bool:
     """Return whether no pivot of the factorised platform's block is round-off: the drives determine the platform."""
     least = math.inf
     for c in range(6):
-        least = min(least, room.schur[7 * c])  # see ``newton.cholesky``
+        least = min(least, room.schur[7 * c])  # see ``closing.cholesky``
     return bool(least > 0.0)
 
 

@@ -31,7 +31,7 @@ from pouring_robot.io.units import MM, joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drawing import Drawing, agreed

@@ -16,7 +16,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile

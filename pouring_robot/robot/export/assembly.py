@@ -13,7 +13,7 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import joint_axis, joint_limits, origin_pose, robot_name
 from pouring_robot.robot.export.closed import ClosedRobot
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.mechanism.loops_file import LoopSpec
 from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
-from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.robot.description.urdf import description_folder
 
 OWN = """
