@@ -21,7 +21,7 @@ import math
 
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.loops import (
+from pouring_robot.batch.kernels.residuals import (
     Room,
     evaluate,
     joint_twist,

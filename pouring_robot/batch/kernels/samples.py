@@ -7,7 +7,8 @@ import math
 
 from pouring_robot.batch.kernels.algebra import dot, product, transposed
 from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.loops import (
+from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
+from pouring_robot.batch.kernels.residuals import (
     Closures,
     Room,
     Samples,
@@ -18,7 +19,6 @@ from pouring_robot.batch.kernels.loops import (
     residual_of,
     three,
 )
-from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 

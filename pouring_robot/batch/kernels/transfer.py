@@ -28,7 +28,16 @@ from pouring_robot.batch.kernels.algebra import (
     transposed,
 )
 from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.loops import (
+from pouring_robot.batch.kernels.newton import (
+    CLOSED,
+    NOT_FINITE,
+    SINGULAR,
+    chain_columns,
+    factorise,
+    row_times,
+    solve_platform,
+)
+from pouring_robot.batch.kernels.residuals import (
     Room,
     Samples,
     arm_of,
@@ -38,15 +47,6 @@ from pouring_robot.batch.kernels.loops import (
     nine,
     put,
     three,
-)
-from pouring_robot.batch.kernels.newton import (
-    CLOSED,
-    NOT_FINITE,
-    SINGULAR,
-    chain_columns,
-    factorise,
-    row_times,
-    solve_platform,
 )
 from pouring_robot.batch.kernels.samples import load_joints, load_state, place_errors
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
