@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.kernels.newton import NOT_CONVERGED
+from pouring_robot.batch.kernels.closing import NOT_CONVERGED
 from pouring_robot.batch.kernels.residuals import Closures, Samples, make_room
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.kernels.newton import CLOSED, NOT_FINITE, SINGULAR
+from pouring_robot.batch.kernels.closing import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnsupportedMechanismError

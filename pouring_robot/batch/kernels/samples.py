@@ -6,8 +6,8 @@ A sample's result depends on its own input only, never on the range or the threa
 import math
 
 from pouring_robot.batch.kernels.algebra import dot, product, transposed
+from pouring_robot.batch.kernels.closing import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
 from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
 from pouring_robot.batch.kernels.residuals import (
     Closures,
     Room,

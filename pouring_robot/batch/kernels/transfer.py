@@ -2,7 +2,7 @@ r"""Compiled: the error-transfer matrix G of many samples.
 
 At the minimum ``dx = -H^-1 dg/dp``. Only the platform's rows are wanted, so H^-1 is applied to the platform's unit
 vectors once (adjoint): the platform part u of the answer is the inverse Schur complement, its joints are
-:math:`\lambda`. In the order of freedoms of :mod:`pouring_robot.batch.kernels.newton`, a parameter that moves frame a
+:math:`\lambda`. In the order of freedoms of :mod:`pouring_robot.batch.kernels.closing`, a parameter that moves frame a
 with the twist J and stands after the earlier joints m has
 
 .. math:: G = (E^T W + L^T W^T) J, \quad E = u - \sum_{earlier} D_m \lambda_m, \quad L = -\sum_{later} D_m \lambda_m
@@ -27,8 +27,7 @@ from pouring_robot.batch.kernels.algebra import (
     scaled,
     transposed,
 )
-from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.newton import (
+from pouring_robot.batch.kernels.closing import (
     CLOSED,
     NOT_FINITE,
     SINGULAR,
@@ -37,6 +36,7 @@ from pouring_robot.batch.kernels.newton import (
     row_times,
     solve_platform,
 )
+from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
     Room,
     Samples,
