@@ -12,7 +12,7 @@ from pouring_robot.effects.conditions import FORCE, LOAD, RISE, Conditions
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.causes import Causes, Thermometers
+from pouring_robot.robot.description.cause_types import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0

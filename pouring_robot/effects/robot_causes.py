@@ -10,7 +10,7 @@ import numpy as np
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.description.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
+from pouring_robot.robot.description.cause_types import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))

@@ -21,7 +21,7 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.robot.description.causes import AxisTilt
+from pouring_robot.robot.description.cause_types import AxisTilt
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0

@@ -49,7 +49,7 @@ from pouring_robot.robot.description.urdf import (
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
-    from pouring_robot.robot.description.causes import Causes
+    from pouring_robot.robot.description.cause_types import Causes
     from pouring_robot.robot.dh.table import DHTable
 
 _WORKSPACE_SAMPLES = 200

@@ -1,6 +1,6 @@
 """Causes of the pouring robot: its fourteen effects over its parts, its thermometers, its words."""
 
-from pouring_robot.robot.description.causes import (
+from pouring_robot.robot.description.cause_types import (
     AMBIENT,
     AxisTilt,
     CauseEntry,
