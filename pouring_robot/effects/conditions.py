@@ -14,8 +14,8 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.gaps import filled_in, with_gaps
-from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.effects.conditions import FORCE, LOAD, RISE, Conditions
-from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.cause_types import Causes, Thermometers

@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.robot.description.definition import RobotDefinition
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pouring_robot.batch import BatchClosure, Engine
 from pouring_robot.effects.conditions import NominalRows
-from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import drive_parameters

@@ -31,13 +31,13 @@ from pouring_robot.effects.conditions import (
     forces_measured,
     told,
 )
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
-from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
 from pouring_robot.io.given import as_tuple

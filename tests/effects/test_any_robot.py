@@ -16,9 +16,9 @@ from pouring_robot.diagnosis.unknown import CONSTANT, processes_of
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.families.drives import Scale
 from pouring_robot.effects.made_up import complete_conditions
-from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten

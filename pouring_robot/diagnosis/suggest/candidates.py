@@ -22,7 +22,7 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.unknown import processes_of
-from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship

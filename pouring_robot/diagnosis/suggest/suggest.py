@@ -14,8 +14,8 @@ from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, can
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import LOAD, Conditions
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import facts_of, held_still
-from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.io.seeds import Stream, generator
