@@ -22,7 +22,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.placements import PlacedTwists
+from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists
 from pouring_robot.mechanism.closure.solver import RANK_TOLERANCE, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter
 

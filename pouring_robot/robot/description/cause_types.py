@@ -1,7 +1,7 @@
 """What may go wrong with a robot, as plain data: families of causes on parts that it names, and its own words.
 
 The pouring robot's definition declares this; :mod:`pouring_robot.effects` makes its effects of it, and knows the
-families. For a robot of a robot file one over its groups is made there (``robot_causes.py``).
+families. For a robot of a robot file one over its groups is made there (``default_causes.py``).
 """
 
 from collections.abc import Mapping
