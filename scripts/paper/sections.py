@@ -32,7 +32,7 @@ from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.under_weight import stiffness_at, under_weight
+from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
 from pouring_robot.sweeps.parameters import ErrorMap
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.paper.claims import COLUMNS, Claim, judge

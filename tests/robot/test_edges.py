@@ -10,7 +10,7 @@ from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.robot.under_weight import stiffness_at, under_weight
+from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
 from tests.support import CHAINS
 
 POSE = PlatformPose.from_mm_deg(-100, 20, -600, 17)

@@ -62,7 +62,7 @@ class Moved:
     def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
         """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
         from pouring_robot.robot.pouring.stiffness import load_stiffness
-        from pouring_robot.robot.under_weight import stiffness_at, truss_sag_m, under_weight
+        from pouring_robot.robot.pouring_under_weight import stiffness_at, truss_sag_m, under_weight
         from pouring_robot.thermal.expansion.displacement import DisplacementField, MovedParts
         from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
         from pouring_robot.thermal.expansion.truss import TrussMotion

@@ -9,7 +9,7 @@ from scipy.constants import g
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, PartStiffness, load_stiffness
-from pouring_robot.robot.under_weight import stiffness_at, under_weight
+from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
 
