@@ -32,7 +32,7 @@ from .robot.export.paths import urdf_path as urdf_path
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel
-from .robot.pouring.poses import PlatformPose as PlatformPose
+from .robot.pouring.platform_pose import PlatformPose as PlatformPose
 from .robot.pouring_robot import PouringRobot as PouringRobot
 from .robot.pouring_robot import load_robot as load_robot
 from .robot.robot import Robot as Robot

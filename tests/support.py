@@ -11,7 +11,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.layout import render_urdf
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "tests" / "data"

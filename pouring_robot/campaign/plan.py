@@ -14,7 +14,7 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import LOADED, Command, Robot
 

@@ -33,7 +33,7 @@ from pouring_robot.robot.inverse import REACHED, Target, limited, longest_steps
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState

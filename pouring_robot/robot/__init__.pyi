@@ -7,7 +7,7 @@ from .model import RobotModel as RobotModel
 from .parameters import Parameter as Parameter
 from .parameters import ParameterCatalogue as ParameterCatalogue
 from .pose_table import read_poses as read_poses
-from .pouring.poses import PlatformPose as PlatformPose
+from .pouring.platform_pose import PlatformPose as PlatformPose
 from .pouring_robot import PouringRobot as PouringRobot
 from .pouring_robot import load_robot as load_robot
 from .robot import Robot as Robot

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 if TYPE_CHECKING:
     import xarray as xr

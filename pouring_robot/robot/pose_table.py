@@ -12,7 +12,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import Target
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 _UNITS = {"x": ("mm", "m"), "y": ("mm", "m"), "z": ("mm", "m"), "tilt": ("deg", "rad", "mrad")}
 

@@ -9,7 +9,7 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopStiffness, Quantity
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
 

@@ -19,7 +19,7 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of

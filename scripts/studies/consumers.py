@@ -51,7 +51,7 @@ def write(folder: Path) -> None:
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import FORMATS, exported_files
     from pouring_robot.robot.model import RobotModel
-    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     model = RobotModel.load(Path(__file__).parents[2] / "examples" / "actual.yaml")

@@ -35,7 +35,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.report.scene import campaign_scene
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.view.scene import pose_scene
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing

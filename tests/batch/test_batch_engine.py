@@ -34,7 +34,7 @@ from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter,
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import render_urdf
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, platform_star
 
 SITES, PARAMETERS = 24, 144

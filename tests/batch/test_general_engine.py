@@ -18,7 +18,7 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.mechanism.weight import own_force
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import (
     BOX_LOWER,
     BOX_UPPER,

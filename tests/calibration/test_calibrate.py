@@ -21,7 +21,7 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import load_loops
 from pouring_robot.robot.pose_table import read_poses
 from pouring_robot.robot.pouring.layout import shipped_layouts_file
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.support import ACTUAL, ROOT, pose_gap
 

@@ -12,7 +12,7 @@ from pouring_robot import sweep
 from pouring_robot.report.plots import new_figure
 from pouring_robot.robot.export.closed import configured
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import ACTUAL, ROOT

@@ -12,7 +12,7 @@ from pouring_robot.exceptions import BadInputError, CompensationError, UnknownFr
 from pouring_robot.mechanism.joint_limits import joint_reach
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import BOX_LOWER, BOX_UPPER, random_poses

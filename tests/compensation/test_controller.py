@@ -8,7 +8,7 @@ import pytest
 from pouring_robot.compensation.path import compensate_path, make_controller, rounded_up
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.energy import Loads
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.studies.controller import answers

@@ -11,7 +11,7 @@ from pouring_robot.mechanism.closure.solver import ClosureOptions
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
 from pouring_robot.thermal.network.assembly import ThermalNetwork

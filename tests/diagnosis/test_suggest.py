@@ -26,7 +26,7 @@ from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from tests.diagnosis.remeasured import Machine

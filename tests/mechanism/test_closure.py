@@ -14,7 +14,7 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechan
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import (
     CHAINS,
     carried_by,

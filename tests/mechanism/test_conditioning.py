@@ -13,7 +13,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import circle_meeting, closure_condition, planar_urdf, random_poses, relative_error, round_off
 
 STEP = 1e-4

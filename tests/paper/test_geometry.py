@@ -17,7 +17,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.dh.chain import A, D, dh_chain, dh_transform
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.sensitivity.samples import AXES
 from scripts.paper.geometry import shape_claims as shapes
 from scripts.paper.geometry import size_claims as sizes

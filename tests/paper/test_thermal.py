@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from scripts.paper.__main__ import app
 from scripts.paper.thermal import plots
 from scripts.paper.thermal.claims import judge_all

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.model import DriveOffset, JointPlacement
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from pouring_robot.exceptions import ClosureError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.units import MRAD
 from pouring_robot.robot.model import JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight

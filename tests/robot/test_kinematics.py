@@ -10,7 +10,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.joint_limits import JointReach, joint_reach
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import BOX_LOWER, BOX_UPPER, displacement, perturbed, pose_gap, random_poses
 
 # U-joint centres in m.

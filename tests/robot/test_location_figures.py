@@ -10,7 +10,7 @@ import pytest
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.location_figures import difference_figures, joint_figures, location_figures
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 
 def test_units_are_in_the_names():

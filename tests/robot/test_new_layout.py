@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import load_robot
 from pouring_robot.thermal.network.elements import LegGrid
 

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from tests.support import ACTUAL, pose_gap, random_poses
 

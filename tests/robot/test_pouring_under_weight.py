@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import g
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import Measured, PartStiffness, load_stiffness
 from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
 

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps import ErrorEntry
 from tests.support import ACTUAL

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.scene import PouringBench

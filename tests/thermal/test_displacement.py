@@ -10,7 +10,7 @@ from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_under_weight import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot

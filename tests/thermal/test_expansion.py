@@ -10,7 +10,7 @@ from scipy.integrate import solve_bvp
 from pouring_robot.exceptions import BadInputError, TemperatureError
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion

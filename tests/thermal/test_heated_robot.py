@@ -9,7 +9,7 @@ from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.view.bench import with_errors
 from pouring_robot.thermal.expansion.growth import ThermalExpansion

@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, TemperatureError, ThermalSolutionError
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian, steady_temperatures

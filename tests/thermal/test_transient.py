@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate._ivp import bdf
 
 from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.thermal.network.assembly import simulate
 from pouring_robot.thermal.network.circuit import SOLVER, Circuit, integrate
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift

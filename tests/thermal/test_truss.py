@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.constants import Stefan_Boltzmann
 
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.expansion import truss as network_of_truss
 from pouring_robot.thermal.expansion.truss import TrussMotion, TrussNetwork

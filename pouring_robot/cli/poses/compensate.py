@@ -99,7 +99,7 @@ def _ladle(
     from pouring_robot.cli.shared.locations import outside_notes
     from pouring_robot.compensation.pose import commands_csv
     from pouring_robot.compensation.pose import compensate as compensated
-    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 

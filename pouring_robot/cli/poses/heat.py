@@ -15,7 +15,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.mechanism.arrays import FloatArray

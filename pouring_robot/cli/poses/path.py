@@ -95,7 +95,7 @@ def _at_once(
     from pouring_robot.io.tables import rows_csv
     from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
-    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
 

@@ -13,7 +13,7 @@ from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
-    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.thermal.expansion.displacement import MovedParts
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
@@ -114,7 +114,7 @@ def thermal(
     from pouring_robot.io.files import write_whole
     from pouring_robot.report.page import Paragraph, Table
     from pouring_robot.robot.heat_section import HeatSection
-    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.thermal import page
     from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing

@@ -33,7 +33,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.cause_types import Thermometers
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 
 SESSION = "next"

@@ -20,7 +20,7 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 TASK_ROWS = (0, 1, 2, 4)
 """Rows of the platform's twist that the four drives control: x, y, z and the tilt about y."""

@@ -34,7 +34,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command
 from pouring_robot.thermal.expansion.growth import ThermalExpansion, growth_of_drives

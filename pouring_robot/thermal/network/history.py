@@ -17,7 +17,7 @@ from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""

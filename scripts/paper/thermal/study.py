@@ -17,7 +17,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.layout import Layout
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.growth import ThermalExpansion

@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import PoseDifference
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 
 def test_mm_and_degrees():
