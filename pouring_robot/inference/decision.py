@@ -13,6 +13,7 @@ from scipy.special import expit, logsumexp, softmax
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.priors import log_prior_odds
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import credible
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
@@ -277,11 +278,11 @@ def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
     """Return the probability that a part worth E nats is neither noise nor of something unknown.
 
-    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library. Beforehand each of them is as likely as noise is
-    to look like any. That something which the library does not hold looks like one no data of one campaign tell: it
-    counts with the accepted rate of false names.
+    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library (:func:`~.priors.log_prior_odds`). That something
+    which the library does not hold looks like one no data of one campaign tell: it counts with the accepted rate of
+    false names.
     """
-    return (1.0 - thresholds.false_names) * float(expit(evidence - np.log(len(hypothesis.problem.known))))
+    return (1.0 - thresholds.false_names) * float(expit(evidence + log_prior_odds(len(hypothesis.problem.known))))
 
 
 def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
@@ -331,13 +332,13 @@ def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[
     workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
     bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
     likely = hypothesis.log_evidence + np.log(thresholds.false_names)
-    found, seldom = dict[str, float](), float(np.log(len(hypothesis.problem.known)))
+    found, seldom = dict[str, float](), log_prior_odds(len(hypothesis.problem.known))
     for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
         if worth.evidence > 0.0:
             other = bare.with_item(item, worth.scale)
             index = len(other.items) - 1
             if other.log_evidence > likely and 4.0 * other.squared_size(index) > own @ own:
-                found[effect] = other.log_evidence - seldom
+                found[effect] = other.log_evidence + seldom
     return found
 
 

@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from pouring_robot.inference.evidence import Beside, largest_scale
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.priors import NOISE_FACTORS
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
 from pouring_robot.mechanism.arrays import FloatArray, rms
@@ -55,8 +56,6 @@ class Challenge:
 _NOTHING = Process("", "", {})
 _MOST_TOGETHER = 6
 """So many processes may be what is unknown beside a cause or in its place: more than data of one campaign have told."""
-_FACTORS = np.geomspace(1.01, 1e3, 200)
-"""How many times as large the noise may be."""
 
 
 class Discrepancy(SeenProcesses):
@@ -86,12 +85,12 @@ class Discrepancy(SeenProcesses):
         """
         problem, fitted = self.hypothesis.problem, self.hypothesis.everything
         equations = len(problem.residual) - problem.nuisance.dof
-        densities = np.empty(len(_FACTORS))
-        for k, factor in enumerate(_FACTORS):  # coefficients that are so many times smaller, over the noise
+        densities = np.empty(len(NOISE_FACTORS))
+        for k, factor in enumerate(NOISE_FACTORS):  # coefficients that are so many times smaller, over the noise
             seen = Beside(problem.gram, fitted.places, fitted.weights / factor)
             densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
         evidence = float(logsumexp(densities)) - np.log(len(densities)) - fitted.log_likelihood
-        return float(_FACTORS[np.argmax(densities)]), float(evidence)
+        return float(NOISE_FACTORS[np.argmax(densities)]), float(evidence)
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

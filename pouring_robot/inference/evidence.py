@@ -26,13 +26,9 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
+from pouring_robot.inference.priors import LOG_SCALES, SHAPINGS
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-LOG_SCALES: FloatArray = np.linspace(np.log(1e-2), np.log(1e1), 28)
-"""Scales that evidence is averaged over: from a hundredth to ten times what an effect's own units call usual
-(docs/inference.md, "Two scales an effect"; likewise :data:`SHAPINGS`)."""
-SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
-"""How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 _NEGLIGIBLE = 1e-10
 _SMALL = 100
 _BLOCK = 32

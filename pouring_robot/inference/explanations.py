@@ -13,6 +13,7 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import Columns, Gram, chunks, shaping_unit
+from pouring_robot.inference.priors import log_priors_of_forms
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_FORM = "background"
@@ -136,9 +137,8 @@ class Problem:
 
     @functools.cached_property
     def log_priors(self) -> dict[str, float]:
-        """Log probability of a form of each effect, given the effect: all its forms are as likely, in nats."""
-        effects = [item.effect for item in self.explanations]
-        return {effect: -float(np.log(effects.count(effect))) for effect in effects}
+        """Log probability of a form of each effect, given the effect, in nats."""
+        return log_priors_of_forms([item.effect for item in self.explanations])
 
     @property
     def _groups(self) -> list[Workmanship | Explanation]:

@@ -21,16 +21,9 @@ from pouring_robot.inference.evidence import (
     most_within,
 )
 from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
+from pouring_robot.inference.priors import LIKELY_LEVEL, WORKMANSHIP_LEVELS, coarsest_level, log_prior_of_levels
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
-"""How large workmanship may be, over the errors of a part that nobody has measured: none, or a 512th to an eighth.
-
-Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, are tolerances of 8 to 560 um, some four
-standard deviations wide. Larger ones are an effect (docs/inference.md, "Workmanship is a variance component")."""
-_LIKELY_INDEX, _LEVEL_SPREAD = 4, 1.0
-"""The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
-and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
 _ALONE = 2e-3
 """Least of one minus the leverage: of less, 0.3 of the noise (a form that is not quite right) would look like 6.5."""
@@ -44,7 +37,7 @@ class Hypothesis:
     problem: Problem  # what is to be explained
     items: tuple[Explanation, ...]  # the explanations, in the order they were added
     scales: tuple[Scale, ...]  # one an item
-    levels: tuple[int, ...]  # index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship
+    levels: tuple[int, ...]  # index into :data:`~.priors.WORKMANSHIP_LEVELS` for each kind of workmanship
     barred: frozenset[tuple[str, str]] = frozenset()  # forms that are not to be added
 
     @classmethod
@@ -83,9 +76,7 @@ class Hypothesis:
         """The largest level of each kind of workmanship: the one that what is known of it does not exceed."""
         known = self.problem.worked_out
         if "coarsest" not in known:
-            most = [kind.most for kind in self.problem.workmanship]
-            found = np.searchsorted(WORKMANSHIP_LEVELS, most).clip(max=len(WORKMANSHIP_LEVELS) - 1)
-            known["coarsest"] = tuple(found.tolist())
+            known["coarsest"] = tuple(coarsest_level(kind.most) for kind in self.problem.workmanship)
         levels: tuple[int, ...] = known["coarsest"]
         return levels
 
@@ -97,7 +88,7 @@ class Hypothesis:
     @property
     def coarsely_made(self) -> bool:
         """Whether workmanship of some kind is larger than the likely one."""
-        return any(level > _LIKELY_INDEX for level in self.levels)
+        return any(level > LIKELY_LEVEL for level in self.levels)
 
     def workmanship(self) -> list[tuple[Indices, FloatArray]]:
         """Return places and weights of workmanship."""
@@ -161,9 +152,7 @@ class Hypothesis:
 
     @property
     def _log_posterior(self) -> float:
-        known = zip(self.levels, self._coarsest, strict=True)
-        steps = [(level - min(_LIKELY_INDEX, most)) / _LEVEL_SPREAD for level, most in known if level]
-        prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
+        prior = log_prior_of_levels(self.levels, self._coarsest)
         return self.once("likelihood", lambda: self._beside_items.log_likelihood) + prior
 
     def item_bayes_factor(self, index: int) -> BayesFactor:
@@ -400,7 +389,7 @@ def _neighbours(levels: tuple[int, ...], coarsest: tuple[int, ...]) -> list[tupl
     if not levels:
         return []
     most = np.array(coarsest)
-    alike = [np.zeros(len(levels), dtype=int), np.minimum(_LIKELY_INDEX, most)]
+    alike = [np.zeros(len(levels), dtype=int), np.minimum(LIKELY_LEVEL, most)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
     found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
     return [tuple(new.tolist()) for new in found if new.min() >= 0 and (new <= most).all() and np.ptp(new) <= 1]

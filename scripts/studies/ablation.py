@@ -28,7 +28,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import state
 from pouring_robot.diagnosis.problem import known_effects
 from pouring_robot.diagnosis.unknown import processes_of
-from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
+from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, priors, search
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds
 from scripts.benchmarks.blind_metrics import failures
@@ -87,7 +87,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "workmanship as a variance component": _no_workmanship,
     "coarse workmanship is workmanship": lambda: _put(
-        hypotheses, "WORKMANSHIP_LEVELS", tuple(level for level in hypotheses.WORKMANSHIP_LEVELS if level < 1 / 20)
+        priors, "WORKMANSHIP_LEVELS", tuple(level for level in priors.WORKMANSHIP_LEVELS if level < 1 / 20)
     ),
     "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
     "what a larger cause does if its size varies is no cause": lambda: _put(diagnosing, "varied", lambda *_: []),
@@ -107,7 +107,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     "minor effects are not named": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, minor_share=0.0)),
     "least share of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_share=0.0)),
     "least size of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_size=0.0)),
-    "a likely grade of workmanship": lambda: _put(hypotheses, "_LEVEL_SPREAD", 1e6),
+    "a likely grade of workmanship": lambda: _put(priors, "LEVEL_SPREAD", 1e6),
     "one constant has one value": lambda: _put(
         hypotheses.Hypothesis,
         "choices",

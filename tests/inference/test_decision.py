@@ -25,9 +25,10 @@ from pouring_robot.inference.decision import (
     workmanship_cause,
 )
 from pouring_robot.inference.discrepancy import Challenge, Structure
-from pouring_robot.inference.evidence import LOG_SCALES, Scale
+from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
-from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, log_density, problem

@@ -9,8 +9,6 @@ from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
 from pouring_robot.inference.evidence import (
-    LOG_SCALES,
-    SHAPINGS,
     Beside,
     Gram,
     Scale,
@@ -20,6 +18,7 @@ from pouring_robot.inference.evidence import (
     most_evidence,
     shaping_unit,
 )
+from pouring_robot.inference.priors import LOG_SCALES, SHAPINGS
 from tests.inference.problems import beside, log_density
 from tests.support import round_off
 

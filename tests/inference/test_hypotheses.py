@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import LOG_SCALES, Scale
+from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation, Workmanship
-from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
 from pouring_robot.inference.search import impossible_effects, search
 from tests.inference.problems import explanation, library, log_density, planted, problem
 

@@ -9,7 +9,7 @@ from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import KINDS
-from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
+from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
 
