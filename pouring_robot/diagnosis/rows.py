@@ -27,8 +27,9 @@ from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.map_fit import first_frames
-from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.inference.processes import Channel

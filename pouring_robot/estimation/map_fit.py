@@ -27,8 +27,9 @@ from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
-from pouring_robot.estimation.measurement import FRAME_STD, MeasurementModel, ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError, FrameFitError

@@ -35,12 +35,6 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.tolerances import Tolerances
-
-FRAME_STD = 0.1
-"""Of the outer frames against their first fit, in m and rad: nothing is known of them. Large against what any campaign
-leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
-_HELD = 1e-9  # m and rad: of frames that nobody measured from
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,13 +349,3 @@ class ModelledRows:
         count = len(self.model.sessions) // 6
         columns = [own * (self.session == k)[:, None, None] for k in range(count)]
         return np.concatenate([jacobian, *columns], axis=2)
-
-
-def prior_std(model: MeasurementModel, tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
-    """Return the standard deviations of all unknowns before measuring, shape (12 + P,), in m and rad.
-
-    Those of parameters are the tolerances of the robot's parts. Of the frames, of sessions too, hardly anything is
-    known; the outer ones are held if nothing was measured from outside (``framed``).
-    """
-    frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD), np.full(len(model.sessions), FRAME_STD)
-    return np.concatenate([frames, tolerances.std(model.parameters, model.model.definition), others])
