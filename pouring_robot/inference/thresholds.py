@@ -1,7 +1,8 @@
 """When something counts: what an effect, structure or a process must be worth. Nothing here knows the robot.
 
-All evidence that is asked for follows from the accepted rate of false names (docs/inference.md, "One number decides");
-what each other limit is worth: docs/blind_trials.md, "What each choice is worth".
+What evidence a name needs follows from the accepted rate of false names (docs/inference.md, "One number decides").
+Chosen, and not derived, are ``minor_evidence``, which a small effect beside a large one needs, and all sizes; what they
+are worth: docs/blind_trials.md, "What each choice is worth".
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ class Thresholds:
     structure_share: float = 0.05
     # an effect smaller than this share of the largest one must be worth, ...
     minor_share: float = 0.12
-    # ... in nats, so much more than a larger one whose size varies: else it corrects that one's form
+    # ... in nats, so much by itself, and so much more than a larger one whose size varies: else it corrects that one's
+    # form. Chosen: the rate of false names is of noise, and says nothing of forms that are not quite right
     minor_evidence: float = 25.0
 
     @property
