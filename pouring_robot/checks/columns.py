@@ -8,8 +8,8 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
-from pouring_robot.estimation.frames.fit import robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose

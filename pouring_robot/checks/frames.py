@@ -28,9 +28,10 @@ from pouring_robot.checks.units_and_axes import (
     reversed_words,
     reversed_x,
 )
-from pouring_robot.estimation.frames.fit import FrameFit, robust_sigma
+from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly

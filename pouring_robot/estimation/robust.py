@@ -1,21 +1,54 @@
 """The robust loss: what a row counts that is far off, and what noise alone makes of residuals so weighted.
 
-The coordinates of a row are judged together: one slip spoils all three.
+In a fit (:func:`robust_terms`) the coordinates of a row are judged together: one slip spoils all three, and the bound
+follows from noise. Before any fit, where the noise is not known, the scale is that of the residuals themselves
+(:func:`robust_sigma`, :func:`huber_weights`).
 """
 
 import functools
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import scipy.special
 
 from pouring_robot.estimation.kinds import KINDS, kind_of
-from pouring_robot.estimation.residuals import WhitenedEquations
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 Loss = Literal["huber", "soft_l1", "linear"]
 _INLIER_SHARE = 0.99
+"""Share of the blocks that noise alone leaves within the bound."""
+HUBER, TUKEY = 1.5, 4.7
+"""Bounds of weights, in robust standard deviations: beyond, a value pulls no more, or not at all. Of normal values 96 %
+and 95 % of what least squares know are left (Huber, Robust Statistics, 1981, ch. 4 and 7)."""
+_MAD_TO_SIGMA = 1.4826  # of normal values: one over their quantile of three quarters
+
+
+class Equations(Protocol):
+    """Residuals over their noise, m of them."""
+
+    @property
+    def residual(self) -> FloatArray:
+        """Residual of each, (m,)."""
+
+    @property
+    def rows(self) -> Indices:
+        """Row that each is of, (m,)."""
+
+    @property
+    def components(self) -> Indices:
+        """Component that each is of, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)."""
+
+
+def robust_sigma(values: FloatArray) -> float:
+    """Return the standard deviation of zero-mean values by their median size, NaN left out; 0 without values."""
+    kept = np.abs(values[np.isfinite(values)])
+    return float(_MAD_TO_SIGMA * np.median(kept)) if kept.size else 0.0
+
+
+def huber_weights(sizes: FloatArray, bound: float | FloatArray = HUBER) -> FloatArray:
+    """Return Huber's weights of sizes that are not negative, same shape: 1 up to the bound, in their unit."""
+    return np.asarray(bound / np.maximum(sizes, bound))
 
 
 @functools.cache
@@ -25,14 +58,14 @@ def _quantiles(share: float) -> FloatArray:
     return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
 
 
-def _blocks(equations: WhitenedEquations) -> tuple[Indices, FloatArray, Indices]:
+def _blocks(equations: Equations) -> tuple[Indices, FloatArray, Indices]:
     """Return the block of each equation, and of each block its squared size and number of components."""
     blocks = len(KINDS) * equations.rows + kind_of(equations.components)
     squared = np.bincount(blocks, equations.residual**2).astype(np.float64)
     return blocks, squared, np.bincount(blocks)
 
 
-def typical_size(equations: WhitenedEquations) -> float:
+def typical_size(equations: Equations) -> float:
     """Return the median size of the blocks over what noise makes it, at least 1."""
     _, squared, counts = _blocks(equations)
     median = _quantiles(0.5)
@@ -40,7 +73,7 @@ def typical_size(equations: WhitenedEquations) -> float:
     return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
 
 
-def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
+def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
     """Return the summed loss, and the weight of each equation, shape (m,).
 
     ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
@@ -50,7 +83,7 @@ def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0)
     return float(cost.sum()), weight[blocks]
 
 
-def noise_shares(equations: WhitenedEquations, loss: Loss) -> FloatArray:
+def noise_shares(equations: Equations, loss: Loss) -> FloatArray:
     """Return what noise alone makes of each equation's squared weighted residual on average, shape (m,); linear: 1.
 
     Proposal 2 of Huber, Robust Statistics (1981), holds a scale to this: a slip counts no more than its bound.
@@ -72,7 +105,7 @@ def _weighed(squared: FloatArray, bound: FloatArray, loss: Loss) -> tuple[FloatA
     if loss == "linear":
         return squared, np.ones_like(squared)
     if loss == "huber":
-        return np.where(size <= bound, squared, 2.0 * bound * size - bound**2), bound / np.maximum(size, bound)
+        return np.where(size <= bound, squared, 2.0 * bound * size - bound**2), huber_weights(size, bound)
     if loss == "soft_l1":
         root = np.sqrt(1.0 + squared / bound**2)
         return 2.0 * bound**2 * (root - 1.0), 1.0 / root

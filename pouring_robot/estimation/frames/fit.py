@@ -22,14 +22,13 @@ import scipy.linalg
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, frame_starts
+from pouring_robot.estimation.robust import HUBER, huber_weights, robust_sigma
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import skew
 
 _RESOLUTION = 1e-6
 """Least misfit, in the spread and in rad: no instrument reads finer, so what shows less is told by no data."""
-_MAD_TO_SIGMA = 1.4826
-_HUBER = 1.5
 _TURNS = 0.1  # rad for a shift by the spread: what turns less shifts
 _STEPS, _TRIAL_STEPS = 60, 8
 _CONVERGED = 1e-8
@@ -49,12 +48,6 @@ class FrameFit:
     rotation_residual_rad: FloatArray | None  # (n, 3) rotation vectors, in rad, likewise; None for positions only
     position_scale_m: float  # robust standard deviation of a position coordinate, in m
     rotation_scale_rad: float | None  # robust standard deviation of a rotation component, in rad; None likewise
-
-
-def robust_sigma(values: FloatArray) -> float:
-    """Return the standard deviation of zero-mean values by their median size, NaN left out; 0 without values."""
-    kept = np.abs(values[np.isfinite(values)])
-    return float(_MAD_TO_SIGMA * np.median(kept)) if kept.size else 0.0
 
 
 def fit_frames(
@@ -272,6 +265,6 @@ def _weighted(jacobian: FloatArray, residual: FloatArray, scale: float) -> Float
     known = np.isfinite(residual) & np.isfinite(jacobian).all(axis=2)
     filled = np.where(known, residual, 0.0)
     length = np.sqrt((filled**2).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
-    weight = (_HUBER * scale / np.maximum(length, _HUBER * scale)) ** 0.5
+    weight = np.sqrt(huber_weights(length, HUBER * scale))
     weights = np.broadcast_to(weight[:, None], known.shape)[known]
     return np.asarray(np.column_stack([jacobian[known], residual[known]]) * weights[:, None])

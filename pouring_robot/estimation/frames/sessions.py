@@ -15,8 +15,9 @@ import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
+from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.robust import HUBER, huber_weights, robust_sigma
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
@@ -24,7 +25,7 @@ from pouring_robot.mechanism.rotations import rotation_vectors
 
 SESSION = "session "
 """How the names of what only a session sees begin."""
-_ROUNDS, _HUBER = 12, 1.5
+_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
         base = pin.SE3(u @ vt, seen - u @ vt @ middle)
         left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
         sigma = robust_sigma(left / np.sqrt(3.0))
-        weights = np.minimum(1.0, _HUBER * np.sqrt(3.0) * sigma / np.maximum(left, 1e-12)) if sigma else weights
+        weights = huber_weights(left, HUBER * np.sqrt(3.0) * sigma) if sigma else weights
     return base
 
 
