@@ -43,7 +43,7 @@ class CalibrationFindings(Result):
     present: RobotModel  # the robot before; ``calibrated`` after: what to export
     calibrated: RobotModel
     flags: tuple[DataFlag, ...]  # what the checks of the data found
-    left_out: Indices  # rows that took no part: outliers, and poses or drives out of reach
+    left_out: Indices  # rows that took no part: gross errors, and poses or drives out of reach
     split: Split  # who was held out when
     noise: NoiseLevel
     candidates: tuple[ParameterGroup, ...]  # the groups that were to choose from

@@ -1,4 +1,4 @@
-"""Virtual measurement: the campaign that a robot as built would give, with noise, outliers, frames and lost cells."""
+"""Virtual measurement: the campaign of a robot as built, with noise, gross errors, frames and lost cells."""
 
 import json
 import math
@@ -56,13 +56,13 @@ class MeasurementOptions:
         for name, value, most in (
             ("noise of a position in m", self.sigma_position_m, 1.0),
             ("noise of a rotation in rad", self.sigma_rotation_rad or 0.0, 1.0),
-            ("size of an outlier in m", self.outlier_m, 100.0),
+            ("size of a gross error in m", self.outlier_m, 100.0),
             ("share of lost cells", self.lost, 0.9),
         ):
             if not (math.isfinite(value) and 0.0 <= value <= most):
                 raise BadInputError(f"the {name} must be between 0 and {most:g}, not {value:g}")
         if self.seed < 0 or self.outliers < 0:
-            raise BadInputError("the seed and the number of outliers must not be negative")
+            raise BadInputError("the seed and the number of gross errors must not be negative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def simulate_campaign(
 
     Raises:
         BadInputError: there is no robot or plan, the model has effects that depend on conditions and there are no
-            ``robots``, or another number of them, more outliers than rows are asked for, or the robot has redundant
+            ``robots``, or another number of them, more gross errors than rows are asked for, or the robot has redundant
             drives: what they read follows from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
@@ -125,7 +125,7 @@ def simulate_campaign(
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
     refuse_redundant(robot)
     if options.outliers > rows:
-        raise BadInputError(f"{options.outliers} outliers do not fit into {rows} rows")
+        raise BadInputError(f"{options.outliers} gross errors do not fit into {rows} rows")
     path = Path(path)
     random = generator(options.seed, Stream.SIMULATION)
     outer, inner = _frames(options, random)

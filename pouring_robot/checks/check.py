@@ -12,10 +12,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import check_columns, distinct_poses, without_copies
 from pouring_robot.checks.conditions import check_conditions
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows, undone
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wrong_rows
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
+from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.noise import check_noise
-from pouring_robot.checks.outliers import check_rows
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.quantities import UNITS
@@ -46,7 +46,7 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     if frames.fit is not None:
         found += check_rows(campaign, drawing, frames.data, frames.fit)
         if not any(flag.severity is Severity.ERROR for flag in found):  # an error scatters the rows by itself
-            found += check_noise(campaign, drawing, frames.data, frames.fit, outlier_rows(found))
+            found += check_noise(campaign, drawing, frames.data, frames.fit, wrong_rows(found))
     order = list(Severity)
     # Too small a noise makes findings of chance: it is said before anything else of its kind.
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))
@@ -67,7 +67,7 @@ def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
 
 def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
     """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
-    metadata, fit, wrong = campaign.metadata, found.fit, outlier_rows(found.flags)
+    metadata, fit, wrong = campaign.metadata, found.fit, wrong_rows(found.flags)
     figures: dict[str, Any] = {
         "file": str(campaign.path),
         "rows": len(campaign),

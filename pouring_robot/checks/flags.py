@@ -229,7 +229,7 @@ def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:
     Raises:
         CampaignError: they are wrong as a whole, or more than half of the rows are, which no robust fit survives.
     """
-    rows = outlier_rows(flags)
+    rows = wrong_rows(flags)
     many = 2 * rows.size > np.count_nonzero(campaign.usable)
     for flag in flags:
         if flag.severity is Severity.ERROR and (many or flag.code not in ROW_CODES):
@@ -249,8 +249,8 @@ def refuse_errors(campaign: Campaign, flags: Iterable[DataFlag]) -> None:
         raise CampaignError(campaign.path, f"{count} in the data: {first.message}; {first.remedy}")
 
 
-def outlier_rows(flags: Iterable[DataFlag]) -> Indices:
-    """Return the rows that no fit should use: outliers, poses or drives out of reach, and copies; ascending."""
+def wrong_rows(flags: Iterable[DataFlag]) -> Indices:
+    """Return the rows that no fit should use: gross errors, poses or drives out of reach, and copies; ascending."""
     rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
 

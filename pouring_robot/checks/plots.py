@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import Examination
-from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.checks.flags import wrong_rows
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.report import plots
@@ -30,7 +30,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     figure = new_figure(11.0, 9.5, dpi=120)
     # The box is four times as high as wide, so that the first two sights keep its shape.
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
-    wrong = outlier_rows(found.flags)
+    wrong = wrong_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
     tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
     values = dict(zip(("x", "y", "z", "tilt"), (*poses.position_m.T * 1e3, tilt), strict=True))
@@ -71,7 +71,7 @@ def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, 
 
 
 def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Indices) -> None:
-    """Draw each row's distance from the nominal robot, noise level beside it; logarithmic, for outliers are far."""
+    """Draw each row's distance from the nominal robot, noise level beside it; logarithmic, for gross errors are far."""
     place.set(title="measured against nominal robot, frames fitted", xlabel="line in file", ylabel="distance [mm]")
     place.grid(alpha=0.25)
     if found.fit is None:

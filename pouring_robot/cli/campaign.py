@@ -213,9 +213,9 @@ def simulate(
     lost: Annotated[float, opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
     tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
     target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
-    truth: Annotated[Path | None, writes("Write what was hidden (frames, outliers) as JSON.")] = None,
+    truth: Annotated[Path | None, writes("Write what was hidden (frames, gross errors) as JSON.")] = None,
 ) -> None:
-    """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
+    """Measure a robot as built without having it: a campaign with noise, gross errors and unknown frames."""
     from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign

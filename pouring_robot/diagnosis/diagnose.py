@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 _FEWEST_ROWS = 8
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
-_OUTLIER_ROUNDS = 3
+_GROSS_ERROR_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -171,16 +171,16 @@ def diagnose(
         campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
     found = work.searched(wrong)
-    for _ in range(_OUTLIER_ROUNDS):
+    for _ in range(_GROSS_ERROR_ROUNDS):
         row = found.after.fitted_rows.row
         given = found.diagnoser.rows.conditions
         courses = poses(given), given.time_s[:, None]
         residuals = found.hypothesis.remainder, found.hypothesis.deletion_residual
-        more = gross_errors(residuals, row, found.diagnoser.fitted, found.outliers.size, courses)
+        more = gross_errors(residuals, row, found.diagnoser.fitted, found.left_out.size, courses)
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)
-        again = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
+        again = work.searched(np.union1d(found.left_out, found.inliers[more]), found.hypothesis)
         if not calm(again.hypothesis.remainder):  # what is missing is missing in many rows: none is known to be wrong
             break
         found = again
@@ -191,7 +191,7 @@ def diagnose(
 class _Searched:
     """What explains a campaign best, with some rows left out, and what that was found with."""
 
-    outliers: Indices
+    left_out: Indices
     inliers: Indices
     parts: Split | None
     notes: tuple[str, ...]
@@ -242,8 +242,8 @@ class _Work:
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
             notes += [f"the noise: {noise.least_words}"] if noise.least_words else []
-        outliers = np.asarray(wrong, dtype=np.intp)
-        return _Searched(outliers, inliers, parts, tuple(notes), diagnoser, after, hypothesis)
+        left_out = np.asarray(wrong, dtype=np.intp)
+        return _Searched(left_out, inliers, parts, tuple(notes), diagnoser, after, hypothesis)
 
     def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
@@ -286,7 +286,7 @@ class _Work:
             model=self.model,
             rows=rows,
             inliers=found.inliers,
-            outliers=found.outliers,
+            left_out=found.left_out,
             flags=flags,
             noise=rows.noise,
             fitted=fitted,

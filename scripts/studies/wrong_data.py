@@ -4,7 +4,7 @@
 
 Campaigns are drawn from robots as built (the drawing, the example model, robots whose axes are off by 0.5 mrad), with
 and without rotations, of 40 to 160 rows; those of a folder, each with ``campaign.csv``, are taken for sound, too.
-Prints a Markdown table; exit code 1 if sound data are accused of more than an outlier.
+Prints a Markdown table; exit code 1 if sound data are accused of more than a gross error.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ def test_simulate_and_check(tmp_path, capsys):
     assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 0
     output = capsys.readouterr().out
     for line in hidden["outlier_lines"]:
-        assert f"line {line}: outlier" in output
+        assert f"line {line}: gross error" in output
     assert "40 rows of full poses" in output
     with Image.open(tmp_path / "c.png") as picture:
         assert picture.width > 1000
@@ -100,7 +100,7 @@ def test_parquet_frames_and_positions(tmp_path, capsys):
         (["campaign", "simulate", "--out", "x.csv", "--random", "0"], "1 to 100000"),
         (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--lost", "7"], "share of lost cells"),
         (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--noise-mm", "-1"], "in m must be between"),
-        (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--outliers", "9"], "9 outliers"),
+        (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--outliers", "9"], "9 gross errors"),
         (["campaign", "simulate", "--out", "x.yaml", "--random", "5"], "x.yaml"),
         (
             ["campaign", "simulate", "--out", "x.xlsx", "--random", "5"],

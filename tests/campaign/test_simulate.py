@@ -11,7 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.checks.flags import wrong_rows
 from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
 from tests.campaign.simulated import measure
 
@@ -31,7 +31,7 @@ def test_round_trip_simulate_read_check(tmp_path, as_built, full):
     assert campaign.metadata == measured.campaign.metadata
     assert "seed 21" in campaign.metadata.description
     assert campaign.headings["q1"] == "q1_mm"
-    assert set(outlier_rows(check_campaign(campaign, as_built.kinematics)).tolist()) == set(measured.outlier_rows)
+    assert set(wrong_rows(check_campaign(campaign, as_built.kinematics)).tolist()) == set(measured.outlier_rows)
 
 
 def test_noise_outliers_and_lost_cells_are_as_asked(as_built):

@@ -11,7 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign, examine
-from pouring_robot.checks.flags import FlagCode, outlier_rows
+from pouring_robot.checks.flags import FlagCode, wrong_rows
 from pouring_robot.cli.app import main
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -89,7 +89,7 @@ def test_outliers_are_found_and_no_sound_row(machine, full):
     position = np.array(campaign.position_m)
     position[[3, 50, 77]] += 0.01
     flags = check_campaign(damaged(campaign, position_m=position), machine.drawing)
-    assert outlier_rows(flags).tolist() == [3, 50, 77]
+    assert wrong_rows(flags).tolist() == [3, 50, 77]
 
 
 @pytest.mark.parametrize("full", [True, False])
@@ -104,7 +104,7 @@ def test_up_to_a_third_of_the_rows_may_hold_another_row_s_measurement(machine, c
         others = damaged(campaign, position_m=campaign.position_m[rows], rotation_vector_rad=turns)
         flags = check_campaign(others, machine.drawing)
         assert codes(flags) <= {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
-        found = outlier_rows(flags)
+        found = wrong_rows(flags)
         assert set(found) <= set(wrong) and found.size >= 0.9 * count  # a neighbour may be near
 
 
@@ -115,7 +115,7 @@ def test_a_column_that_hung_is_no_jump(machine, column):
     position[60:76, column] = position[60, column]
     flags = check_campaign(damaged(machine.campaign, position_m=position), machine.drawing)
     assert FlagCode.STUCK_COLUMN in codes(flags) and FlagCode.MEASUREMENT_JUMP not in codes(flags)
-    assert set(60 + np.flatnonzero(far)) <= set(outlier_rows(flags)) <= set(range(60, 76))
+    assert set(60 + np.flatnonzero(far)) <= set(wrong_rows(flags)) <= set(range(60, 76))
 
 
 def elsewhere(campaign, rows, shift_m, turn_rad):
@@ -135,7 +135,7 @@ def test_a_tracker_that_was_moved_far_makes_no_outliers(machine, first, turn):
     position[[20, 110]] += 0.5
     flags = check_campaign(damaged(moved, position_m=position), machine.drawing)
     assert FlagCode.MEASUREMENT_JUMP in codes(flags)
-    assert set(outlier_rows(flags)) <= {20, 110}
+    assert set(wrong_rows(flags)) <= {20, 110}
 
 
 def test_a_tracker_that_was_moved_twice_makes_no_outliers(machine):
@@ -152,7 +152,7 @@ def test_an_error_that_grows_over_half_of_the_workspace_makes_no_outliers(machin
     bent = position + 2e-3 * np.maximum(x, 0.0) ** 2 * [1.0, -1.0, 0.5]
     turns = machine.campaign.rotation_vector_rad if full else None
     flags = check_campaign(damaged(machine.campaign, position_m=bent, rotation_vector_rad=turns), machine.drawing)
-    assert outlier_rows(flags).size == 0
+    assert wrong_rows(flags).size == 0
 
 
 def test_what_bends_with_the_place_is_no_noise(machine):
@@ -337,4 +337,4 @@ def test_wrong_rows_among_real_ones_are_found(ur10):
     wrong = np.random.default_rng(1).permutation(len(campaign))[:20]
     position[wrong] += 0.004
     flags = check_campaign(dataclasses.replace(campaign, position_m=position), drawing)
-    assert outlier_rows(flags).tolist() == sorted(wrong.tolist())
+    assert wrong_rows(flags).tolist() == sorted(wrong.tolist())

@@ -11,7 +11,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.columns import _roughness, _time, check_columns
-from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
+from pouring_robot.checks.flags import FlagCode, Severity, found, usable_without, wrong_rows
 from pouring_robot.checks.noise import _bends
 from pouring_robot.exceptions import CampaignError
 from scripts.studies.wrong_data import sound
@@ -268,7 +268,7 @@ def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name):
     for campaigns in (full, [damaged(campaign, rotation_vector_rad=None) for campaign in full]):
         flags = [check_campaign(campaign, robot.kinematics) for campaign in campaigns]
         assert {code for found in flags for code in codes(found)} <= {"outlier"}
-        assert sum(outlier_rows(found).size for found in flags) <= 2
+        assert sum(wrong_rows(found).size for found in flags) <= 2
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -276,7 +276,7 @@ def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name):
 def test_finds_all_outliers_and_no_sound_row(as_built, seed, full):
     options = {"outliers": 6, "outlier_m": 0.01, "lost": 0.02, "sigma_rotation_rad": 5e-5 if full else None}
     measured = measure(as_built, count=100, seed=100 + seed, **options)
-    found = outlier_rows(check_campaign(measured.campaign, as_built.kinematics))
+    found = wrong_rows(check_campaign(measured.campaign, as_built.kinematics))
     # A lost cell may hide the one coordinate that is wrong.
     whole = [row for row in measured.outlier_rows if np.isfinite(measured.campaign.position_m[row]).all()]
     assert set(found.tolist()) <= set(measured.outlier_rows)
@@ -289,14 +289,14 @@ def test_a_row_that_errors_of_joints_explain_is_no_outlier():
     assert check_campaign(campaign, drawing) == []
     far = np.array(campaign.position_m)
     far[40] += 2e-3
-    assert outlier_rows(check_campaign(dataclasses.replace(campaign, position_m=far), drawing)).tolist() == [40]
+    assert wrong_rows(check_campaign(dataclasses.replace(campaign, position_m=far), drawing)).tolist() == [40]
 
 
 def test_outliers_stand_out_beside_errors_that_no_joint_explains(as_built):
     measured = measure(as_built, count=160, seed=3, outliers=3, outlier_m=0.008)
     drives = np.array(measured.campaign.drives)
     drives[:, 2] += 3e-3 * np.sin(2.0 * np.pi * drives[:, 2] / 0.01)  # a spindle that staggers
-    found = outlier_rows(check_campaign(damaged(measured.campaign, drives=drives), as_built.kinematics))
+    found = wrong_rows(check_campaign(damaged(measured.campaign, drives=drives), as_built.kinematics))
     assert set(found.tolist()) == set(measured.outlier_rows)
 
 
@@ -304,7 +304,7 @@ def test_outliers_stand_out_beside_errors_that_no_joint_explains(as_built):
 def test_finds_small_outliers_of_an_accurate_robot(drawing, full):
     options = {"outliers": 6, "outlier_m": 0.002, "sigma_rotation_rad": 5e-5 if full else None}
     measured = measure(drawing, count=100, seed=6, **options)
-    assert tuple(outlier_rows(check_campaign(measured.campaign, drawing.kinematics))) == measured.outlier_rows
+    assert tuple(wrong_rows(check_campaign(measured.campaign, drawing.kinematics))) == measured.outlier_rows
 
 
 @pytest.mark.parametrize("drift_mm", [0.5, 5.0])
@@ -417,7 +417,7 @@ def test_a_real_repeat_is_no_repeated_row(drawing):
 def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
     twice = every_row_twice(clean.campaign)
     flags = check_campaign(twice, drawing.kinematics)
-    assert outlier_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
+    assert wrong_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
 
 
 def test_copies_do_not_count_in_the_misfit(as_built, real):

@@ -25,8 +25,8 @@ def drawn(tmp_path_factory):
 def test_the_row_is_left_out_and_the_cause_named(drawn):
     assert not any(flag.rows for flag in drawn.flags if flag.code == "outlier")
     assert (drawn.verdict, [e.cause.effect for e in drawn.firm]) == ("named", ["truss_deflection"])
-    assert drawn.outliers.tolist() == [ROW]
+    assert drawn.left_out.tolist() == [ROW]
 
 
 def test_what_many_rows_show_is_no_gross_error(tmp_path):
-    assert diagnose(stepped(tmp_path)).outliers.size == 0
+    assert diagnose(stepped(tmp_path)).left_out.size == 0

@@ -142,7 +142,7 @@ def test_few_rows_that_tell_much_are_no_gross_errors(trap, tmp_path):
     machine = Machine(effect, "a", trap)
     suggested = suggest_measurements(diagnose(machine.measured(tmp_path / "before")), count=4)
     after = diagnose(machine.measured(tmp_path / "after", machine.with_more(suggested.measurements)))
-    assert after.outliers.size == 0
+    assert after.left_out.size == 0
     assert [(c.effect, c.alternatives) for c in after.judgement.causes] == [(effect, ())]
 
 

@@ -1,4 +1,4 @@
-"""The first frames: those of the truth, outliers or not."""
+"""The first frames: those of the truth, gross errors or not."""
 
 import numpy as np
 import pytest

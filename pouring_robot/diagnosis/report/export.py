@@ -132,7 +132,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             "all": len(diagnosis.campaign),
             "fitted": int(diagnosis.fitted.sum()),
             "held_out": int((~diagnosis.fitted).sum()),
-            "left_out_lines": [int(diagnosis.campaign.lines[row]) for row in diagnosis.outliers],
+            "left_out_lines": [int(diagnosis.campaign.lines[row]) for row in diagnosis.left_out],
         },
         "held_out_block": diagnosis.held_out_name,
         "frames": {

@@ -38,9 +38,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "to the next counts as noise"
         )
     lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
-    if diagnosis.outliers.size:
-        lines.append(f"left out as gross errors: {where(diagnosis.campaign, diagnosis.outliers, _MOST_LINES)}")
-    unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
+    if diagnosis.left_out.size:
+        lines.append(f"left out as gross errors: {where(diagnosis.campaign, diagnosis.left_out, _MOST_LINES)}")
+    unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.left_out)
     if unusable.size:
         lines.append(f"without a command or a measurement: {where(diagnosis.campaign, unusable, _MOST_LINES)}")
     for heading, rows in rows_without(diagnosis.campaign).items():

@@ -68,7 +68,7 @@ def _rows_used(diagnosis: Conclusions) -> str:
     if diagnosis.held_out_name:
         held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
     return (
-        f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.outliers.size} "
+        f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.left_out.size} "
         f"left out as gross errors; noise {sigma:.3g} mm ({noise[noise.length_kind].source}). Held-out rows chose and "
         "fitted nothing."
     )

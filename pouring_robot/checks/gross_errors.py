@@ -1,4 +1,4 @@
-"""Checks of single rows and of their order: outliers, poses out of reach, jumps of the measuring set-up.
+"""Checks of single rows and of their order: gross errors, poses out of reach, jumps of the measuring set-up.
 
 A robot's own errors vary smoothly with pose and conditions, or are the answer to a smooth error of its drives, which
 near a singular pose is large. A wrong row is neither. So residuals are looked at twice: in the pose, and as the
@@ -26,9 +26,9 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameters import ParameterCatalogue
 
-OUTLIER_SIGMAS = 8.0
-"""A row is an outlier beyond this many robust deviations: in the pose, in the drives that would explain it, and of what
-errors of all joints explain. The deviation is that of a row against what the others foretell."""
+GROSS_SIGMAS = 8.0
+"""A row holds a gross error beyond so many robust deviations: in the pose, in the drives that would explain it, and of
+what errors of all joints explain. The deviation is that of a row against what the others foretell."""
 _PLAIN = 1.0
 _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
 _JUMP_SIGMAS = 5.0
@@ -48,11 +48,11 @@ _SLOW = ("time", "temperature")
 
 
 def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
-    """Yield outliers, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
+    """Yield gross errors, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
     rows = np.flatnonzero(data.poses.complete & campaign.usable)
     if rows.size < _FEWEST or data.inverted:
         return
-    score = outlier_scores(campaign, drawing, data, fit)
+    score = scores_of(campaign, drawing, data, fit)
     distance = np.linalg.norm(np.nan_to_num(fit.position_residual_m), axis=1)
     angle = np.zeros(len(campaign))
     plain = distance / max(fit.position_scale_m, 1e-12)
@@ -60,22 +60,24 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
         angle = np.linalg.norm(np.nan_to_num(fit.rotation_residual_rad), axis=1)
         plain = np.maximum(plain, angle / max(fit.rotation_scale_rad or 0.0, 1e-12))
     # A row that is no worse than others before any smoothing has to stand out twice as far after it.
-    wrong = np.flatnonzero((score > OUTLIER_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * OUTLIER_SIGMAS)))
+    wrong = np.flatnonzero((score > GROSS_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * GROSS_SIGMAS)))
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
     if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
         beyond = np.minimum(_beyond_joints(campaign, drawing, data, fit, wrong), score[wrong])
         # Under conditions that no other row had nobody knows what is right.
         uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
-        wrong = wrong[beyond > OUTLIER_SIGMAS * np.sqrt(1.0 + uncertain)]
-    apart = np.union1d(wrong, np.flatnonzero(plain > OUTLIER_SIGMAS))
+        wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
+    apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     single = np.intersect1d(wrong, _not_together(data, fit, apart, campaign.metadata.metres_per_rad))
     jumps = list(_jumps(campaign, data, fit, single))
     for row in single if jumps else wrong:
-        yield _outlier(campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
+        yield _gross_error(
+            campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row])
+        )
     yield from jumps
 
 
-def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
+def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
     """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
 
     The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off. Near a
@@ -132,14 +134,14 @@ def _residuals(
     return terms, np.concatenate(turned, axis=1), np.repeat([noise for _, noise in seen], 3).tolist()
 
 
-def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
+def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
     names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
     off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
     metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
     code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
     if not far:
         others = f"{score:.0f} robust deviations from what the other rows say of its errors"
-        code, said = FlagCode.OUTLIER, f"outlier, {off} from the nominal robot, {others}"
+        code, said = FlagCode.OUTLIER, f"gross error, {off} from the nominal robot, {others}"
     return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
 
 
@@ -156,7 +158,7 @@ def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad
     except FrameFitError:  # too few whole positions
         return rows
     before, after = _sizes(fit, metres_per_rad), _sizes(own, metres_per_rad)
-    apart = after > np.minimum(before[rows] / _TIMES_BETTER, 2.0 * OUTLIER_SIGMAS * np.median(before))
+    apart = after > np.minimum(before[rows] / _TIMES_BETTER, 2.0 * GROSS_SIGMAS * np.median(before))
     if np.count_nonzero(~apart) >= fewest:
         return _not_together(data, fit, rows[apart], metres_per_rad)
     halves = np.array_split(rows, 2) if rows.size >= 2 * fewest else []
