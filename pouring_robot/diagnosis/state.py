@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.registry import local_changes
-from pouring_robot.estimation.kinds import Kind, are
+from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
@@ -257,7 +257,6 @@ class Diagnoser:
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of some kinds taken from what a hypothesis leaves over."""
-    left, component = hypothesis.remainder, after.fitted_rows.component
+    left = hypothesis.remainder
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    chosen = {kind: are(kind, component) for kind in kinds}
-    return noise.times({kind: rms(left[own]) / float(np.sqrt(free)) for kind, own in chosen.items() if own.any()})
+    return noise.left_over(kinds, after.fitted_rows.component, left, np.full(len(left), free))

@@ -25,15 +25,15 @@ from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.kinds import Kind, are
+from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise import NoiseLevel, scatter
 from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError, FrameFitError
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
@@ -186,21 +186,22 @@ class Fit:
         rows = self.equations.derivatives
         return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
 
-    def freedom(self, kind: Kind | None = None) -> float:
-        """Return the equations left over for the noise: all, or those of one kind of instrument."""
-        return float((self.shares - self.leverage)[self._chosen(kind)].sum())
+    @property
+    def left_over(self) -> tuple[FloatArray, FloatArray]:
+        """Weighted residuals over their noise, (m,), and of each how much is left for the noise, (m,)."""
+        return self.weights * self.equations.residual, self.shares - self.leverage
 
-    def chi_square(self, kind: Kind | None = None) -> float:
-        """Return the sum of squared weighted residuals over their noise: of all, or of one kind of instrument."""
-        return float(((self.weights * self.equations.residual) ** 2)[self._chosen(kind)].sum())
+    def freedom(self) -> float:
+        """Return the equations left over for the noise."""
+        return float(self.left_over[1].sum())
 
-    def scatter(self, kind: Kind | None = None) -> float:
-        """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
-        freedom = self.freedom(kind)
-        return float(np.sqrt(self.chi_square(kind) / freedom)) if freedom > 1.0 else 1.0
+    def chi_square(self) -> float:
+        """Return the sum of squared weighted residuals over their noise."""
+        return float(np.square(self.left_over[0]).sum())
 
-    def _chosen(self, kind: Kind | None) -> BoolArray:
-        return np.ones(len(self.weights), dtype=bool) if kind is None else are(kind, self.equations.components)
+    def scatter(self) -> float:
+        """Return the noise that the residuals show over the one assumed."""
+        return scatter(*self.left_over)
 
 
 def identify(
@@ -248,12 +249,11 @@ def noise_left_over(
 ) -> NoiseLevel:
     """Return the noise, what is unknown of it taken from what a fit with it leaves over, until both agree within 1 %.
 
-    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n. Raises as
-    :func:`identify`.
+    Raises as :func:`identify`.
     """
     for _ in range(_NOISE_ROUNDS):
         fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
-        noise, assumed = noise.times({kind: fit.scatter(kind) for kind in noise.open_kinds}), noise
+        noise, assumed = noise.left_over(noise.open_kinds, fit.equations.components, *fit.left_over), noise
         if noise.apart(assumed) < _NOISE_SETTLED:
             break
         start = fit.unknowns

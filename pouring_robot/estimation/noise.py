@@ -1,9 +1,8 @@
 """The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
 Before a fit it is as stated, or the scatter of repeats (:mod:`pouring_robot.estimation.repeats`). Where it is neither,
-:meth:`NoiseLevel.times` takes it from what a fit leaves over: in calibrations
-:func:`pouring_robot.estimation.map_fit.noise_left_over`, in diagnoses :func:`pouring_robot.diagnosis.state.noise_left`.
-From where on that is too large to pass for noise, :func:`largest_noise` says.
+:meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree. From
+where on that is too large to pass for noise, :func:`largest_noise` says.
 """
 
 from __future__ import annotations
@@ -63,6 +62,16 @@ class NoiseLevel:
         """Return other sizes, none below :data:`LEAST_NOISE`."""
         changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
         return NoiseLevel({**self.kinds, **changed})
+
+    def left_over(
+        self, kinds: Iterable[Kind], components: Indices, residual: FloatArray, freedom: FloatArray
+    ) -> NoiseLevel:
+        """Return it with that of some kinds taken from what a fit with it leaves over, as :func:`scatter` of theirs.
+
+        ``components`` is what each of the m equations is of, ``residual`` is over this noise.
+        """
+        chosen = {kind: are(kind, components) for kind in kinds}
+        return self.times({kind: scatter(residual[own], freedom[own]) for kind, own in chosen.items() if own.any()})
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
@@ -143,6 +152,16 @@ class NoiseLevel:
     def from_residuals(self) -> bool:
         """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
         return bool(self.open_kinds)
+
+
+def scatter(residual: FloatArray, freedom: FloatArray) -> float:
+    """Return the noise that residuals (m,) show over the one they are in units of; 1 with hardly an equation left over.
+
+    ``freedom`` (m,) is what noise makes of the square of each on average, over its variance: n equations on which p
+    unknowns were spent have n - p together.
+    """
+    left = float(freedom.sum())
+    return float(np.sqrt(np.square(residual).sum() / left)) if left > 1.0 else 1.0
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:
