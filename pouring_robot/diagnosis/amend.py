@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.state import FoundByKey, FoundParameter
+from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames.outer import FRAMES

@@ -14,7 +14,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.gap import Gap, few, held_out_in_turn, table_of
+from pouring_robot.diagnosis.gap import Gap, table_of
+from pouring_robot.diagnosis.held_out import few, held_out, held_out_in_turn
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
@@ -29,8 +30,8 @@ from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise
 from pouring_robot.estimation.repeats import noise_beforehand
-from pouring_robot.estimation.splits import HoldOut, Split, split
-from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
+from pouring_robot.estimation.splits import HoldOut, Split
+from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.inference.decision import judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
@@ -222,7 +223,7 @@ class _Work:
                 f"only {inliers.size} rows can be used and {_FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
-        parts, notes = _held_out(campaign, self.options.hold_out)
+        parts, notes = held_out(campaign, self.options.hold_out)
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
@@ -358,13 +359,3 @@ def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
         if noise[kind].sigma > limit
     ]
     return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
-
-
-def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
-    """Return which rows are held out, None where they are too few for that, and what is to be noted."""
-    try:
-        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
-    except CalibrationError as problem:
-        if kind != "auto":
-            raise
-        return None, [f"no rows are held out: {problem.problem}"]

@@ -1,12 +1,12 @@
 """The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
 
 import functools
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
@@ -28,38 +28,6 @@ _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
-
-
-@dataclass(frozen=True, eq=False)
-class FoundParameter:
-    """One parameter with its value."""
-
-    parameter: EffectParameter  # what it changes
-    value: float  # in its unit
-    std: float  # standard deviation, in its unit
-
-
-FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
-"""Parameters by effect and form."""
-
-
-def sure_text(probability: float) -> str:
-    """Return a probability in percent."""
-    # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
-    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class NamedEffect:
-    """A named effect with its parameters."""
-
-    cause: Cause  # what may be said of it
-    story: str  # one line for people
-    parameters: tuple[FoundParameter, ...]  # main ones first
-
-    def __repr__(self) -> str:
-        """Return its id, its form and how sure it is: its parameters hold a number for each row."""
-        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {sure_text(self.cause.probability)}>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,9 @@ from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnose import _free_residuals, _unsettled, diagnose
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.gap import Gap, InTurn
+from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.held_out import InTurn
+from pouring_robot.diagnosis.named_effects import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
@@ -34,7 +36,6 @@ from pouring_robot.diagnosis.report.sentences import (
     sure_text,
     untestable_lines,
 )
-from pouring_robot.diagnosis.state import FoundParameter
 from pouring_robot.diagnosis.suggest.suggest import Separation
 from pouring_robot.effects.base import EffectParameter, value_and_half_width
 from pouring_robot.effects.facts import sources

@@ -6,10 +6,10 @@ from typing import Any
 
 from pouring_robot import __version__
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
-from pouring_robot.diagnosis.state import NamedEffect
 from pouring_robot.inference.thresholds import CHANCE_DRAWS, CHANCE_SEED
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.diagnosis.report.sentences import (
     form_text,
     gap_sentence,
@@ -12,7 +13,6 @@ from pouring_robot.diagnosis.report.sentences import (
     sections,
     worse_sentence,
 )
-from pouring_robot.diagnosis.state import NamedEffect
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.io.units import MM
