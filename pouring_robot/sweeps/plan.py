@@ -28,7 +28,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import Robot
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
-from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
+from pouring_robot.sweeps.draws import Draws, ErrorMap, completed, select
 
 _MOST_ROUNDS = 20
 

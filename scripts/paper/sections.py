@@ -33,7 +33,7 @@ from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
-from pouring_robot.sweeps.parameters import ErrorMap
+from pouring_robot.sweeps.draws import ErrorMap
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.paper.claims import COLUMNS, Claim, judge
 from scripts.paper.geometry.study import GeometryStudy, error_size, run_study
