@@ -40,7 +40,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise

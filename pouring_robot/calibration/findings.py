@@ -24,7 +24,7 @@ from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterGroup
+from pouring_robot.robot.parameter_catalogue import ParameterGroup
 
 if TYPE_CHECKING:
     import pandas

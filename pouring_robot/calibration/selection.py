@@ -22,7 +22,7 @@ from pouring_robot.estimation.splits import Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
-from pouring_robot.robot.parameters import ParameterGroup, all_parameters
+from pouring_robot.robot.parameter_catalogue import ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
 _FAILED = 1e6

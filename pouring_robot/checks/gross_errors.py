@@ -24,7 +24,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
-from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 GROSS_SIGMAS = 8.0
 """A row holds a gross error beyond so many robust deviations: in the pose, in the drives that would explain it, and of

@@ -22,7 +22,7 @@ from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
 Condition = Literal["backlash", "compliance", "expansion"]

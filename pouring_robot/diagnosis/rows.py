@@ -36,7 +36,7 @@ from pouring_robot.inference.processes import Channel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 _FRAME_STEPS = 3
 

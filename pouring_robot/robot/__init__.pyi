@@ -4,8 +4,8 @@ from .location import LadleLocation as LadleLocation
 from .model import DriveOffset as DriveOffset
 from .model import JointPlacement as JointPlacement
 from .model import RobotModel as RobotModel
-from .parameters import Parameter as Parameter
-from .parameters import ParameterCatalogue as ParameterCatalogue
+from .parameter_catalogue import Parameter as Parameter
+from .parameter_catalogue import ParameterCatalogue as ParameterCatalogue
 from .pose_table import read_poses as read_poses
 from .pouring.platform_pose import PlatformPose as PlatformPose
 from .pouring_robot import PouringRobot as PouringRobot

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pouring_robot.robot.description.command import CommandAxis
-    from pouring_robot.robot.parameters import ParameterCatalogue
+    from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 Command = PlatformPose | Target | FloatArray | Sequence[float]
 """What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
@@ -122,7 +122,7 @@ class Robot:
     @functools.cached_property
     def parameters(self) -> ParameterCatalogue:
         """Every geometric error of the drawing by name."""
-        from pouring_robot.robot.parameters import ParameterCatalogue
+        from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
         return ParameterCatalogue(self.model.definition, self.drawing.mechanism)
 

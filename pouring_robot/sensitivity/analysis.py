@@ -17,7 +17,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.parameters import DriveParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.sensitivity.report import Request, SensitivityReport, ranges

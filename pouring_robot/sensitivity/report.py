@@ -17,7 +17,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
-from pouring_robot.robot.parameters import Parameter
+from pouring_robot.robot.parameter_catalogue import Parameter
 from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
 
 Range = tuple[float, float]

@@ -13,7 +13,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, own_look, tidy
 from pouring_robot.robot.dh.table import DHParameter
-from pouring_robot.robot.parameters import Parameter
+from pouring_robot.robot.parameter_catalogue import Parameter
 
 AXES = "XYZ"
 Kind = Literal["open branch", "closed chain"]

@@ -26,7 +26,7 @@ from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
-from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances, kind_of
 from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 

@@ -39,7 +39,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import all_parameters
+from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from pouring_robot.robot.tolerances import Tolerances

@@ -28,7 +28,7 @@ from pouring_robot.robot.dh.chain import VARIABLES, dh_transform
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import JointPlacement, RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness
 from pouring_robot.robot.pouring_robot import PouringRobot

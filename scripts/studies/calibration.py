@@ -35,7 +35,7 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import Z95, BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import all_parameters
+from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 

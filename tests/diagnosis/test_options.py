@@ -7,7 +7,7 @@ import pytest
 from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, calibrate, diagnose
 from pouring_robot.cli.diagnose import diagnose as command
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import all_parameters
+from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 from tests.support import perturbed, placement_error
 

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 from pouring_robot.sweeps import ErrorEntry
 from pouring_robot.sweeps.draws import ErrorMap
 from tests.support import round_off

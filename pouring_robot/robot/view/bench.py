@@ -17,7 +17,7 @@ from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import Parameter
+from pouring_robot.robot.parameter_catalogue import Parameter
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.scene import at_location, pose_scene
 from pouring_robot.viewer import Scene

@@ -4,7 +4,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import all_parameters
+from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, INNER_JOINTS, SEATS, SETS
 from pouring_robot.robot.tolerances import kind_of
 
