@@ -24,7 +24,7 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.parameters import GeometricParameter, LocalParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
 _MODE_ENDS = STATUS_NAMES.index("assembly mode ends")  # no kernel says so

@@ -18,7 +18,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.parameters import GeometricParameter
+from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 

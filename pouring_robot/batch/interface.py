@@ -11,7 +11,12 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import (
+    DriveParameter,
+    GeometricParameter,
+    LocalParameter,
+    PlacementParameter,
+)
 
 _STEPS = 8
 

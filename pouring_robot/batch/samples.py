@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
-from pouring_robot.mechanism.parameters import LocalParameter
+from pouring_robot.mechanism.local_parameters import LocalParameter
 
 STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular", "assembly mode ends")
 """Meaning of the status codes 0 to 5; only transfer matrices can be singular. Where the assembly mode of the drawing

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import PlacementParameter, placement_parameters
+from pouring_robot.mechanism.local_parameters import PlacementParameter, placement_parameters
 
 IntArray = NDArray[np.int64]
 CountArray = NDArray[np.int32]

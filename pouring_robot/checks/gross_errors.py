@@ -21,7 +21,7 @@ from pouring_robot.estimation.robust import TUKEY, huber_weights, robust_sigma
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
-from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
+from pouring_robot.mechanism.local_parameters import GeometricParameter, drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue

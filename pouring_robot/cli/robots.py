@@ -56,7 +56,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
 def _determined(robot: Robot, location: Location) -> bool:
     """Return whether the drives determine the pose of the drawing at a location."""
     from pouring_robot.exceptions import SingularPoseError
-    from pouring_robot.mechanism.parameters import drive_parameters
+    from pouring_robot.mechanism.local_parameters import drive_parameters
     from pouring_robot.mechanism.transfer import closed_chain_transfer
 
     try:

@@ -24,7 +24,7 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result

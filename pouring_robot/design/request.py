@@ -20,7 +20,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.parameters import GeometricParameter
+from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, all_parameters
 from pouring_robot.robot.tolerances import Tolerances

@@ -34,7 +34,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.inference.processes import Channel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.parameters import COMPONENTS, GeometricParameter, LocalParameter
+from pouring_robot.mechanism.local_parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 

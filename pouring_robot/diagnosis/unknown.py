@@ -23,7 +23,7 @@ from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, sta
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
 from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.local_parameters import COMPONENTS
 from pouring_robot.robot.description.definition import Drive
 
 _USUAL = 0.3e-3

@@ -7,7 +7,7 @@ from pouring_robot.effects.conditions import NominalRows
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight import own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 

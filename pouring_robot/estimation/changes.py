@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.batch.structure import Structure
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
-from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.local_parameters import COMPONENTS
 
 SCALE = "metrology.scale"
 

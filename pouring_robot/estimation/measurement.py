@@ -6,7 +6,7 @@ X closes the loops of the present robot with its local parameters added; D(v, w)
 in the order [base tx ty tz rx ry rz | tool tx ty tz rx ry rz | parameters], in m and rad. ``base`` displaces the fixed
 platform in its own axes against where the tracker was taken to see it; ``tool`` displaces the target in the moving
 platform's axes. A local parameter displaces the *present* placement of its joint (see
-:mod:`pouring_robot.mechanism.parameters`), several at one joint by D of the sum of their twists.
+:mod:`pouring_robot.mechanism.local_parameters`), several at one joint by D of the sum of their twists.
 
     model = MeasurementModel(RobotModel(), parameters)
     poses = model.at(drives)                       # rows to predict, (n, 4) in m and rad
@@ -32,7 +32,12 @@ from pouring_robot.estimation.frames.sessions import SessionParameter, base_disp
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
-from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import (
+    DriveParameter,
+    GeometricParameter,
+    LocalParameter,
+    PlacementParameter,
+)
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import placement_parameters
+from pouring_robot.mechanism.local_parameters import placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 

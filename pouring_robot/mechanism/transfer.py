@@ -27,7 +27,7 @@ from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists, Weight
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import (
+from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     FrameParameter,
     LocalParameter,

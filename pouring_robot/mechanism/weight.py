@@ -11,7 +11,7 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 

@@ -31,7 +31,7 @@ from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity, dexterity
 from pouring_robot.mechanism.joint_limits import ROUND_OFF, JointReach, joint_reach, refuse_beyond
-from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
+from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import parsed

@@ -10,7 +10,7 @@ import pydantic
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter, GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder
 

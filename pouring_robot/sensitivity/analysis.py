@@ -15,7 +15,7 @@ from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
-from pouring_robot.mechanism.parameters import DriveParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics

@@ -22,7 +22,7 @@ import scipy.special
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS

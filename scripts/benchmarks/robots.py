@@ -18,7 +18,7 @@ import numpy as np
 
 from pouring_robot.batch import GeneralEngine, HomotopyStarts, engine_for
 from pouring_robot.exceptions import PouringRobotError
-from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
+from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 
 OFF, ERROR_M, ERROR_RAD = 0.01, 2e-4, 1e-3

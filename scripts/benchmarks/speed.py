@@ -36,7 +36,7 @@ from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import ClosureEnergy
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import all_parameters

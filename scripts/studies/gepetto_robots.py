@@ -32,8 +32,8 @@ from pouring_robot.io.files import read_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.loops_file import load_loops
-from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from scripts.studies.gepetto_toolbox import ToolboxFindings, close_with, load_toolbox
 

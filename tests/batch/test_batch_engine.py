@@ -30,7 +30,7 @@ from pouring_robot.exceptions import (
 from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import render_urdf

@@ -12,8 +12,8 @@ from pouring_robot.batch.interface import closed_home
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.local_parameters import PayloadParameter, PlacementParameter, drive_parameters
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.parameters import PayloadParameter, PlacementParameter, drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.mechanism.weight import own_force
 from pouring_robot.robot.model import RobotModel

@@ -10,7 +10,7 @@ from pouring_robot.batch import BatchStart, CompiledEngine, engine_for
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.mechanism.weight import own_force
 from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, round_off

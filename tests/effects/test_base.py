@@ -12,7 +12,7 @@ from pouring_robot.effects.base import checked_forms
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.estimation.changes import SCALE
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.local_parameters import COMPONENTS
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import EFFECTS, ROBOT, SIGMA_M, SIGMA_RAD
 from tests.support import ACTUAL

@@ -21,7 +21,7 @@ from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.repeats import noise_beforehand
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import CampaignError, FrameFitError
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 

@@ -10,7 +10,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from tests.estimation.virtual import INNER, OUTER, TRUE_FRAMES, Virtual, measured_poses, model_of, reference_poses
 from tests.support import arm, arm_urdf, crooked_model

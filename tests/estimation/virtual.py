@@ -11,7 +11,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.tolerances import Tolerances

@@ -9,8 +9,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.conditioning import dexterity
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose

@@ -9,8 +9,8 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPo
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.pinocchio_model import read_mimics
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.mechanism.struts import GROUND, STROKE, crank_end, start_of, strut

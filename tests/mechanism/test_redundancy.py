@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.robot import Robot

@@ -12,8 +12,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.parameters import (
+from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     FrameParameter,
     PayloadParameter,
@@ -22,6 +21,7 @@ from pouring_robot.mechanism.parameters import (
     drive_parameters,
     placement_parameters,
 )
+from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, pose_gap, round_off
 

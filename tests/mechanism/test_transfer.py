@@ -12,7 +12,7 @@ import pytest
 from pouring_robot import ClosedChainMechanism, ClosureSolver, Loads, PlatformPose, RobotModel
 from pouring_robot.batch import CompiledEngine
 from pouring_robot.exceptions import BadInputError, UnknownJointError
-from pouring_robot.mechanism.parameters import (
+from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     FrameParameter,
     PayloadParameter,

@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.mechanism.parameters import placement_parameters
+from pouring_robot.mechanism.local_parameters import placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.tolerances import Tolerances, kind_of
 from tests.estimation.virtual import model_of

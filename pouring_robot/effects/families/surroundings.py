@@ -9,7 +9,7 @@ from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
+from pouring_robot.mechanism.local_parameters import COMPONENTS, component_unit
 
 _SETTLING = (0.15, 0.3, 0.6)
 """Time constants of settling, as shares of the campaign."""

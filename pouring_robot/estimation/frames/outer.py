@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
+from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
 FRAME_PARAMETERS: tuple[FrameParameter, ...] = (

@@ -20,7 +20,7 @@ from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.robust import HUBER, huber_weights, robust_sigma
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
+from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import rotation_vectors
 
 SESSION = "session "

@@ -14,7 +14,7 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray, as_columns
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, TwistColumns
-from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
+from pouring_robot.mechanism.local_parameters import LocalParameter, PlacementParameter
 
 
 class PlacedTwists:

@@ -24,7 +24,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists
 from pouring_robot.mechanism.closure.solver import RANK_TOLERANCE, ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter
+from pouring_robot.mechanism.local_parameters import DriveParameter, LocalParameter
 
 _MOVES = 1e-6
 """m of gap per m or rad of a drive: below, no drive moves a direction."""

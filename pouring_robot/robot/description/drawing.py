@@ -14,7 +14,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
 from pouring_robot.mechanism.joint_limits import within_limits
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.local_parameters import drive_parameters
 
 if TYPE_CHECKING:
     from pouring_robot.batch import Engine, HomotopyStarts

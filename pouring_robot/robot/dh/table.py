@@ -19,7 +19,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray, locked
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import PlacementParameter, Twist
+from pouring_robot.mechanism.local_parameters import PlacementParameter, Twist
 from pouring_robot.robot.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain, dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
 

@@ -29,7 +29,7 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import LocalParameter, drive_parameters
+from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses

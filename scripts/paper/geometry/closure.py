@@ -13,7 +13,7 @@ from pouring_robot.batch import BatchCommand, CompiledEngine, SiteErrors
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import placement_parameters
+from pouring_robot.mechanism.local_parameters import placement_parameters
 from pouring_robot.robot.dh.table import DHParameter, DHTable
 
 _CHECKED_POSES = 1000
