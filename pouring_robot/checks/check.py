@@ -15,7 +15,7 @@ from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wrong_rows
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.gross_errors import check_rows
-from pouring_robot.checks.noise import check_noise
+from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.quantities import UNITS

@@ -12,7 +12,7 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.columns import _roughness, _time, check_columns
 from pouring_robot.checks.flags import FlagCode, Severity, found, usable_without, wrong_rows
-from pouring_robot.checks.noise import _bends
+from pouring_robot.checks.stated_noise import _bends
 from pouring_robot.exceptions import CampaignError
 from scripts.studies.wrong_data import sound
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure

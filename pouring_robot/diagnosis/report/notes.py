@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pouring_robot.checks.flags import FlagCode, where
-from pouring_robot.checks.noise import LEAST_FACTOR
+from pouring_robot.checks.stated_noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import KINDS
