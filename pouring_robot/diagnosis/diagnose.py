@@ -22,7 +22,7 @@ from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.unknown import poses, processes_of, varied
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.effects.registry import chosen_effects

@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.held_out import InTurn
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
-from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import WORSE

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
 from pouring_robot.diagnosis.unknown import _of_one_condition
+from pouring_robot.diagnosis.where.free_residuals import FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import overall
-from pouring_robot.diagnosis.where.residuals import FreeResiduals, size_text
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError

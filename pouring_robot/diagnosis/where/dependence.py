@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.diagnosis.unknown import CONSTANT, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import rank_correlation
-from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from pouring_robot.diagnosis.unknown import shown
-from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
+from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.kinds import component_name
 from pouring_robot.estimation.repeats import commands

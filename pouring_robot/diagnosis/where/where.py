@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.where.dependence import dependence, untested
+from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import components, overall, regions, repeats
-from pouring_robot.diagnosis.where.residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.threads import one_blas_thread
