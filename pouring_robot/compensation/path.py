@@ -29,6 +29,7 @@ from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.seeds import CLIMBS_SEED
 from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.joint_limits import within_limits
@@ -45,7 +46,7 @@ NOT_FOUND = "not found"
 _MOST_STEPS = 12
 POINTS = (5, 5, 7, 8)
 """Chebyshev points along x, y, z and the tilt."""
-_CLIMBERS, _TRIES, _CLIMBS, _SEED = 8, 8, 4, 41
+_CLIMBERS, _TRIES, _CLIMBS = 8, 8, 4
 _HEADER = Path(__file__).with_name("controller.h.j2")
 
 
@@ -274,7 +275,7 @@ def _largest(errors: Callable[[FloatArray], FloatArray], extrema: FloatArray) ->
 
     From the worst extrema of each it climbs: tries places around, goes to the best, looks nearer.
     """
-    at_extrema, random = errors(extrema), np.random.default_rng(_SEED)
+    at_extrema, random = errors(extrema), np.random.default_rng(CLIMBS_SEED)
     columns = np.arange(at_extrema.shape[1])
     worst = np.argsort(at_extrema, axis=0)[-_CLIMBERS:].T  # (6, climbers)
     places, best = extrema[worst], at_extrema[worst, columns[:, None]]

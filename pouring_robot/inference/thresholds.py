@@ -14,8 +14,9 @@ from scipy.special import ndtri
 
 from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.io.seeds import CHANCE_SEED
 
-CHANCE_DRAWS, CHANCE_SEED = 1000, 0
+CHANCE_DRAWS = 1000
 _ROUNDING = 1e-13
 """Of a column's own square, what is left of it beside workmanship that takes it up whole."""
 _POWER = 0.8

@@ -1,8 +1,21 @@
-"""One seed of the user's, a stream of random numbers for each use of it: what one draws moves no other's."""
+"""One seed of the user's, a stream of random numbers for each use of it: what one draws moves no other's.
+
+Sweeps and sensitivity draw by their own ``seed`` alone. Fixed seeds are for what is drawn so that the same input gives
+the same answer, whatever the user's seed.
+"""
 
 import enum
 
 import numpy as np
+
+CHANCE_SEED = 0
+"""Of what chance alone reaches in a campaign (:func:`pouring_robot.inference.thresholds.chance_level`)."""
+FRAMES_SEED = 20260722
+"""Of the sets of rows that a fit of the frames starts from (:mod:`pouring_robot.estimation.frames.starts`)."""
+CLIMBS_SEED = 41
+"""Of the places where the largest error of a path is sought (:mod:`pouring_robot.compensation.path`)."""
+RAYS_SEED = 7
+"""Of the rays of a picture that tell how open a place is, and how lit (:mod:`pouring_robot.viewer.raycast`)."""
 
 
 class Stream(enum.IntEnum):

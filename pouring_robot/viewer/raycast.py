@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
+from pouring_robot.io.seeds import RAYS_SEED
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.viewer.scene import Camera
 from pouring_robot.viewer.shapes import Solid
@@ -139,7 +140,7 @@ class Layer:
         mask = hits.mask
         normal = hits.normal[mask]
         points = directions[mask] * hits.depth[mask][:, None] + normal * np.float32(2e-3 * reach_m)
-        random = np.random.default_rng(7)  # fixed, so that the same scene gives the same picture
+        random = np.random.default_rng(RAYS_SEED)
         # A point on a unit ball around the tip of the normal: directions by the cosine of their angle.
         around = (normal + offset for offset in _around(random, len(points), _OCCLUSION_RAYS))
         open_ = np.mean([self._free(points, towards, reach_m) for towards in around], axis=0)

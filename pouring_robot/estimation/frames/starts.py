@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.io.seeds import FRAMES_SEED
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
@@ -27,7 +28,6 @@ FEWEST_FOR_FRAMES = 6
 """Rows that a fit of the frames needs at the least."""
 _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
-_SEED = 20260722
 _STEPS = 20
 _KEPT = {1: 8, 3: 4}  # of the 24, how many of the least misfit go on after so many steps
 _CONVERGED = 1e-9  # rad: the next step would be its square
@@ -49,7 +49,7 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     there, seen = poses[chosen], measured[chosen]
     middle, centre = np.median(seen.position_m, axis=0), np.median(there.position_m, axis=0)
     # All rows, and sets of six drawn at random.
-    drawn = np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1)
+    drawn = np.random.default_rng(FRAMES_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1)
     sets = np.vstack([np.ones(len(chosen)), drawn < FEWEST_FOR_FRAMES])
     form = _Form(
         PoseStack(there.position_m - centre, there.rotation),
