@@ -18,8 +18,8 @@ from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
-from pouring_robot.io.quantities import UNITS
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.description.drawing import Drawing
 

@@ -40,8 +40,9 @@ from pouring_robot.exceptions import (
     closest,
 )
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.io.quantities import UNITS, first_fault, to_inner
+from pouring_robot.io.quantities import first_fault
 from pouring_robot.io.tables import read_table
+from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel

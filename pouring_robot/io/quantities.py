@@ -1,11 +1,9 @@
 """Quantities with units: a unit rides on a column's heading (``q1_mm``, ``leg1_K``), any unit of the right kind."""
 
 import difflib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +11,8 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
+from pouring_robot.io.units import UNITS, Kind, to_inner
 
-Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
-
-UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
-    "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},
-    "angle": {"rad": (1.0, 0.0), "mrad": (1e3, 0.0), "deg": (180.0 / math.pi, 0.0)},
-    "force": {"N": (1.0, 0.0), "kN": (1e-3, 0.0)},
-    "moment": {"Nm": (1.0, 0.0)},
-    "mass": {"kg": (1.0, 0.0)},
-    "temperature": {"degC": (1.0, 0.0), "K": (1.0, ABSOLUTE_ZERO_DEGC)},
-    "time": {"s": (1.0, 0.0), "min": (1.0 / 60.0, 0.0), "h": (1.0 / 3600.0, 0.0)},
-    "sign": {},
-    "label": {},
-}
-"""Units of each kind, the inner one first: a value divided by the first figure and shifted by the second is inner.
-
-Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
-"""
 LIMITS: dict[Kind, tuple[float, float]] = {
     "mass": (0.0, 1e4),
     "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC),
@@ -39,12 +21,6 @@ LIMITS: dict[Kind, tuple[float, float]] = {
 }
 """What quantities of a kind lie between, in inner units; beyond is none of any robot. Others are at most LARGEST."""
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units}
-
-
-def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
-    """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
-    divisor, shift = next(units[unit] for units in UNITS.values() if unit in units)
-    return values / divisor + shift if shift else values / divisor
 
 
 def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | None:

@@ -1,6 +1,16 @@
-"""The units of the user's edge: errors are shown in mm and mrad, joint values in mm and degrees."""
+"""Units of the user's edge: those that tables are read in, and those that people are shown; inside all is SI and °C.
+
+Errors are shown in mm and mrad, joint values in mm and degrees. Headings are read in
+:mod:`pouring_robot.io.quantities`; the keys of YAML files have their unit in their name or beside the value.
+"""
 
 import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 MM = 1e-3
 MRAD = 1e-3
@@ -12,6 +22,30 @@ _OF_ERRORS = {
     "rad/Nm": ("mrad/kNm", 1e-6),
     "1/K": ("1e-6/K", 1e-6),
 }
+
+Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
+
+UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
+    "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},
+    "angle": {"rad": (1.0, 0.0), "mrad": (1e3, 0.0), "deg": (180.0 / math.pi, 0.0)},
+    "force": {"N": (1.0, 0.0), "kN": (1e-3, 0.0)},
+    "moment": {"Nm": (1.0, 0.0)},
+    "mass": {"kg": (1.0, 0.0)},
+    "temperature": {"degC": (1.0, 0.0), "K": (1.0, ABSOLUTE_ZERO_DEGC)},
+    "time": {"s": (1.0, 0.0), "min": (1.0 / 60.0, 0.0), "h": (1.0 / 3600.0, 0.0)},
+    "sign": {},
+    "label": {},
+}
+"""Units of each kind, the inner one first: a value divided by the first figure and shifted by the second is inner.
+
+Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
+"""
+
+
+def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
+    divisor, shift = next(units[unit] for units in UNITS.values() if unit in units)
+    return values / divisor + shift if shift else values / divisor
 
 
 def shown_in(unit: str) -> tuple[str, float]:

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.quantities import Quantity, read_quantities, to_inner
+from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.units import to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -11,9 +11,9 @@ from typing import Any, Self
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.quantities import to_inner
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.io.units import to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, own_look, svg_of, tell, tidy

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, read_only
 
 if TYPE_CHECKING:
