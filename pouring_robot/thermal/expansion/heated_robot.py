@@ -37,7 +37,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command
-from pouring_robot.thermal.expansion.growth import ThermalExpansion, growth_of_drives
+from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion, growth_of_drives
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.circuit import SOLVER
