@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
+from pouring_robot.calibration.intervals import Movement, ParameterLine
 from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns, values_a_row
 from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
@@ -21,18 +22,13 @@ from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.io.units import MM, MRAD, shown_in
-from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
+from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterGroup
 
 if TYPE_CHECKING:
     import pandas
-
-LEARNT = 0.5
-"""A parameter is measured when the data took at least this share of its prior variance away."""
-SEEN = 0.01
-"""Below this share no pose of the campaign shows a parameter by itself."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,47 +126,6 @@ class CalibrationFindings(Result):
             for p in parameter_lines(self)
         ]
         return pandas.DataFrame(rows, columns=names)
-
-
-@dataclass(frozen=True)
-class Movement:
-    """A parameter, or a combination that the campaign determines, in mm or mrad, on top of the present model."""
-
-    name: str
-    unit: str
-    value: float
-    std: float
-    prior_std: float
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval."""
-        return self.value - Z95 * self.std, self.value + Z95 * self.std
-
-    @property
-    def moved(self) -> bool:
-        """Whether the 95 % interval leaves out zero."""
-        return abs(self.value) > Z95 * self.std
-
-    @property
-    def surprise(self) -> float:
-        """How many standard deviations it is off."""
-        return abs(self.value) / self.std
-
-
-@dataclass(frozen=True)
-class ParameterLine(Movement):
-    """One parameter: the group it was kept with, and the share of its prior variance that the data took away."""
-
-    group: str
-    learnt: float
-
-    @property
-    def verdict(self) -> str:
-        """What to make of it, in words."""
-        if self.learnt < LEARNT:
-            return "held by its tolerance"
-        return "moved" if self.moved else "measured, not off"
 
 
 def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:

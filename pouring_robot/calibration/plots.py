@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
+from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
+from pouring_robot.calibration.intervals import SEEN
 from pouring_robot.calibration.metrics import length_columns, row_lengths, values_a_row
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.io.units import MM, MRAD
