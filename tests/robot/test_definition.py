@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.batch import engine_for
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops_file import load_loops
@@ -188,10 +189,25 @@ def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):
         "rotations": ["shoulder"],
         "slides": ["reach"],
     }
-    arm.write_text(FILE + "groups: {both: [shoulder, reach]}\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("groups", "found"),
+    [
+        ("{both: [shoulder, reach]}", {"both": ["shoulder"], "slides": ["reach"]}),
+        ("{both: [reach, shoulder]}", {"both": ["reach"], "rotations": ["shoulder"]}),
+        ("{tilt: [shoulder]}", {"tilt": ["shoulder"], "slides": ["reach"]}),
+        ("{slides: [shoulder], rotations: [shoulder, reach]}", {"slides": ["reach"], "rotations": ["shoulder"]}),
+    ],
+)
+def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
+    """Causes go by the unit of a group: a slide among turns, or a drive that no group names, would have had none."""
+    arm.write_text(FILE + f"groups: {groups}\n", encoding="utf-8")
     definition = RobotDefinition.load(arm)
-    assert [drive.joint for drive in definition.groups["both"]] == ["shoulder", "reach"]
-    assert {"tip", "both"} < set(definition.thermometers)
+    assert {name: [drive.joint for drive in drives] for name, drives in definition.groups.items()} == found
+    assert {"tip", *found} < set(definition.thermometers)
+    scales = [e for e in causes_of(definition).entries if e.id.partition(".")[0] in ("drive_scale", "joint_periodic")]
+    assert sorted(joint for entry in scales for joint in entry.options["drives"]) == ["reach", "shoulder"]
 
 
 @pytest.mark.parametrize(

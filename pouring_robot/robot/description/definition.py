@@ -73,7 +73,7 @@ _SETS: ParameterSets = {
     "all": ("drives", "joint_places", "joint_axes"),
 }
 ROTATIONS, SLIDES = "rotations", "slides"
-"""Groups of drives where a file names none: angles and lengths."""
+"""Groups of the drives that a file names in none: angles and lengths."""
 
 
 @dataclass(frozen=True)
@@ -405,13 +405,15 @@ class RobotDefinition:
 
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Drive, ...]]:
-        """The drives that share a cause, by the group's name."""
-        if self.file.groups:
-            by_joint = {drive.joint: drive for drive in self.drives}
-            return {name: tuple(by_joint[joint] for joint in members) for name, members in self.file.groups.items()}
-        units = {ROTATIONS: "rad", SLIDES: "m"}
-        found = {name: tuple(drive for drive in self.drives if drive.unit == unit) for name, unit in units.items()}
-        return {name: members for name, members in found.items() if members}
+        """The drives that share a cause, by group: those of its first one's unit. The default groups hold the rest."""
+        by_joint = {drive.joint: drive for drive in self.drives}
+        named = {name: [by_joint[joint] for joint in joints] for name, joints in self.file.groups.items()}
+        units = {name: members[0].unit for name, members in named.items()} | {ROTATIONS: "rad", SLIDES: "m"}
+        found = {name: [drive for drive in named.get(name, ()) if drive.unit == unit] for name, unit in units.items()}
+        left = [drive for drive in self.drives if drive not in itertools.chain(*found.values())]
+        for name in (ROTATIONS, SLIDES):
+            found[name] += [drive for drive in left if drive.unit == units[name]]
+        return {name: tuple(members) for name, members in found.items() if members}
 
     @property
     def thermometers(self) -> tuple[str, ...]:

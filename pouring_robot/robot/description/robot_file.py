@@ -59,7 +59,7 @@ class RobotFile(StrictModel):
     drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)  # what the controller commands, in this order
     # whether there are more of them than freedoms: what they disagree by is then measured
     redundant_drives: bool = False
-    # drives that share a cause, by the group's name; by default all angles and all lengths
+    # drives that share a cause, all angles or all lengths, as the first is; by default all angles, and all lengths
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
     # joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default all. Where
     # nothing outside measures, joints that are left out define the frame in which the others' errors are told.
