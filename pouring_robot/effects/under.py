@@ -11,6 +11,7 @@ robot is then seen from where its base stood by the drawing, or in the mean of t
 import contextlib
 import copy
 import functools
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,7 @@ from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
     CompensationError,
+    DescriptionError,
     MissingConditionsError,
     NoSolutionError,
     TooLargeError,
@@ -202,17 +204,28 @@ class RobotUnderConditions:
         drives = zip(self.definition.loops.drives, changes.drives[row].tolist(), strict=True)
         model = self.robot.model.displaced(moved, {joint: shift for joint, shift in drives if shift})
         if base.any():
-            built, carried = model.displacements(), dict[str, pin.SE3]()
-            shift, drawn = pin.SE3(pin.exp3(base[3:]), base[:3]), self.robot.nominal_solver.mechanism.shared_model
-            above = carrier(drawn, self.definition.loops.base_frame)
-            for joint, (link, at) in standing(self.definition).items():
-                if carrier(drawn, link).name == above.name:
-                    there = at * built[joint] if joint in built else at
-                    carried[joint] = there.actInv(shift * there)
-            if above.type == pin.FrameType.FIXED_JOINT and above.name != "universe":  # the chain may begin there, too
-                carried[above.name] = shift.inverse()
-            model = model.displaced(carried, {})
+            model = model.displaced(self._carried(model, pin.SE3(pin.exp3(base[3:]), base[:3])), {})
         return self.robot.built_as(model)
+
+    def _carried(self, model: RobotModel, shift: pin.SE3) -> dict[str, pin.SE3]:
+        """Return how joints of a model are displaced as the base moves; DescriptionError where no joints do as much."""
+        mechanism, loops, built = self.robot.nominal_solver.mechanism, self.definition.loops, model.displacements()
+        above, paths = carrier(mechanism.shared_model, loops.base_frame), mechanism.frame_paths
+        pairs = [(paths[loop.frame_a], paths[loop.frame_b]) for loop in loops.loops]
+        own, end = paths[loops.base_frame], paths[str(loops.end_frame)]
+        through = any((above.name in first) != (above.name in second) for first, second in ((own, end), *pairs))
+        if own in itertools.chain(*pairs) or (through and above.type == pin.FrameType.JOINT):
+            problem = f"the base moves, but chains end on base_frame '{loops.base_frame}' without a joint that could"
+            mend = "in the URDF fix a link of its own to it, and name that as base_frame"
+            raise DescriptionError(self.definition.path, f"{problem}; {mend}")
+        carried = dict[str, pin.SE3]()
+        for joint, (link, at) in standing(self.definition).items():
+            if carrier(mechanism.shared_model, link).name == above.name:
+                there = at * built[joint] if joint in built else at
+                carried[joint] = there.actInv(shift * there)
+        if above.type == pin.FrameType.FIXED_JOINT and above.name != "universe":  # the chain may begin there, too
+            carried[above.name] = shift.inverse()
+        return carried
 
     def _beyond(self, told: Mapping[str, FloatArray]) -> dict[str, str]:
         """Return by heading, in a line each, the drives and conditions that lie beyond what was learned."""

@@ -131,6 +131,42 @@ def test_a_base_frame_that_carries_nothing_moves_too(tmp_path, base, end):
     np.testing.assert_allclose(found, there, atol=1e-9)
 
 
+AXIS = '<axis xyz="0 0 1"/></joint>'
+PIVOT = '<joint name="{}" type="continuous"><parent link="{}"/><child link="{}"/><origin xyz="{}"/>' + AXIS
+MOUNT = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/><origin xyz="{}"/></joint>'
+FOUR_BAR = [
+    *(f'<link name="{name}"/>' for name in ("ground", "base", "crank", "bar", "tip", "rocker", "foot", "seen")),
+    MOUNT.format("stand", "ground", "base", "0 0 0"),
+    PIVOT.format("drive", "base", "crank", "-1 0 0"),
+    PIVOT.format("elbow", "crank", "bar", "0 1 0"),
+    MOUNT.format("mount", "bar", "tip", "0.5 0.2 0"),
+    PIVOT.format("knee", "bar", "rocker", "1 0 0"),
+    MOUNT.format("end", "rocker", "foot", "0 -1 0"),
+]
+FOUR_BAR_FILE = """format: pouring_robot/robot/1
+name: four_bar
+urdf: four_bar.urdf
+base_frame: {0}
+end_frame: {1}
+drives: [{{joint: drive}}]
+loops: [{{name: loop, frame_a: foot, frame_b: base, type: 3d}}]
+"""
+
+
+@pytest.mark.parametrize(("base", "end"), [("base", "tip"), ("ground", "tip"), ("bar", "ground")])
+def test_a_base_on_which_chains_end_needs_a_link_of_its_own_to_move(tmp_path, base, end):
+    """Only places of joints move a base: a loop's frame, or the joint that carries it, has none there."""
+    path = tmp_path / "robot.yaml"
+    parts = "".join((*FOUR_BAR, MOUNT.format("seat", base, "seen", "0 0 0")))
+    (tmp_path / "four_bar.urdf").write_text(f'<robot name="four_bar">{parts}</robot>', encoding="utf-8")
+    path.write_text(FOUR_BAR_FILE.format(base, end), encoding="utf-8")
+    if base != "ground":
+        with pytest.raises(DescriptionError, match=f"chains end on base_frame '{base}' without a joint that could"):
+            moved_base(RobotModel.for_robot(path))
+    path.write_text(FOUR_BAR_FILE.format("seen", end), encoding="utf-8")
+    np.testing.assert_allclose(*moved_base(RobotModel.for_robot(path)), atol=1e-9)
+
+
 def test_rows_alone_are_what_they_are_among_others(bench, rng):
     """Shapes count from the campaign they were learned in, not from the rows at hand."""
     rows = rows_of(bench.campaign, RobotModel())
