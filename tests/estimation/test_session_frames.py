@@ -183,3 +183,29 @@ def test_a_diagnosis_counts_that_nobody_knows_where_sessions_measured_from(name)
     for channel, value in truth.items():
         assert abs(values[channel].value - value) < 4.0 * values[channel].std
     assert found.held_out.position("after") < 1.5 * found.held_out.position("floor")
+
+
+def test_sessions_of_distances_between_their_rows_need_no_frame():
+    """Distances are the same from wherever they are seen; the frame of a session with places is the campaign's."""
+    campaign = moved(measured("arm", 60, 7), 7)
+    position, sessions = np.array(campaign.position_m), np.array(campaign.sessions)
+    before = np.roll(np.arange(60), 1)
+    for told in ((), ("a",)):
+        placed = np.isin(sessions, told)
+        between = ~placed & (sessions == sessions[before])
+        lines = dataclasses.replace(
+            campaign,
+            samples=tuple(map(str, range(60))),
+            position_m=np.where(placed[:, None], position, np.nan),
+            rotation_vector_rad=None,
+            distance_m=np.where(between, np.linalg.norm(position - position[before], axis=1), np.nan)[:, None],
+            distance_from=tuple(str(row) if use else "" for row, use in zip(before, between, strict=True)),
+        )
+        assert seen_from_one_place(lines, bare(MODELS["arm"])) is lines
+        assert session_parameters(lines) == ()
+        found = calibrate(lines, bare(MODELS["arm"]), CalibrationOptions(("drives",), choose=False))
+        line = found.to_frame().set_index("parameter").loc["drive.joint2"]
+        assert line["std"] < 0.1 and abs(line["value"] - 2.0) < 4.0 * line["std"]
+    fixed = dataclasses.replace(lines, distance_from=("",) * 60)
+    with pytest.raises(CampaignError, match="a distance is from another row of the same session"):
+        seen_from_one_place(fixed, bare(MODELS["arm"]))

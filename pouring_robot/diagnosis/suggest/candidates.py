@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
@@ -213,8 +212,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pose * inner for pose in possible.poses]
-    own = campaign.metadata.frames == PER_SESSION
-    session = by_size(campaign)[0] if own else SESSION
+    session = next(iter(by_size(campaign)), SESSION) if campaign.metadata.own_frames else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,

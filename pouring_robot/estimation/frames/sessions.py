@@ -42,16 +42,18 @@ class SessionParameter(FrameParameter):
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
-    if not campaign.metadata.own_frames:
-        return ()
-    _, *others = by_size(campaign)
+    others = by_size(campaign)[1:] if campaign.metadata.own_frames else []
     return tuple(SessionParameter("base", component, name) for name in others for component in COMPONENTS)
 
 
 def by_size(campaign: Campaign) -> list[str]:
-    """Return the names of the sessions, the one first whose frame the others are brought into: the largest."""
-    usable = [name for name, used in zip(campaign.sessions, campaign.usable, strict=True) if used]
-    return sorted(dict.fromkeys(campaign.sessions), key=lambda name: -usable.count(name))
+    """Return the names of the sessions, the one first whose frame the others are brought into: the largest.
+
+    Those without a place or turn are left out: distances between their rows are the same from wherever they are seen.
+    """
+    seen = campaign.usable & (campaign.position_measured | campaign.rotation_measured).any(axis=1)
+    names = [name for name, used in zip(campaign.sessions, seen, strict=True) if used]
+    return sorted(dict.fromkeys(names), key=lambda name: -names.count(name))
 
 
 def _too_few(campaign: Campaign, name: str) -> CampaignError:
@@ -88,6 +90,8 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
         return campaign
     _refuse_lines_between_frames(campaign)
     sessions, names = np.array(campaign.sessions), by_size(campaign)
+    if len(names) < 2:
+        return campaign
     measured = campaign.measured_poses
     largest = np.flatnonzero(sessions == names[0])
     if np.count_nonzero(campaign.usable[largest]) < FEWEST_FOR_FRAMES:
