@@ -112,7 +112,8 @@ def calibrate(
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
-        train, seen = rows[parts.train], measured[parts.train]
+        used, seen = measured.among(parts.train)
+        train = rows[used]
         prior = prior_std(rows.model, tolerances, framed=measured.framed)
         noise = noise_left_over(train, seen, first_frames(train, seen), prior, noise, options.fit)
         measured = measured.with_noise(noise)
@@ -124,7 +125,8 @@ def calibrate(
     def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_parameters(all_parameters(groups))
-        train, seen = chosen[parts.train], measured[parts.train]
+        used, seen = measured.among(parts.train)
+        train = chosen[used]
         prior = prior_std(chosen.model, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
@@ -147,7 +149,8 @@ def calibrate(
     inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
+    used, seen = measured.among(parts.train)
+    shown = -whiten(seen, chosen[used].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     own_frames = [parameter.name for parameter in sessions]
     position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])

@@ -116,24 +116,26 @@ class _CrossValidation:
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_parameters(())
-        self._folds = [[part[evenly(part.size, _MOST_ROWS)] for part in fold] for fold in split.validations]
-        self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in self._folds]
+        self._folds = [
+            [measured.among(part[evenly(part.size, _MOST_ROWS)]) for part in fold] for fold in split.validations
+        ]
+        self._frames = [first_frames(frames_only[used], seen) for (used, seen), _ in self._folds]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         rows, measured = self.rows.with_parameters(all_parameters(groups)), self.measured
         prior = prior_std(rows.model, self.tolerances, framed=measured.framed)
         scores = np.full((len(rows), len(KINDS)), np.nan)
-        for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
-            start = Unknowns.zero(frames.frames, prior.size - FRAMES)
+        for frames, ((train, fitted), (judged, seen)) in zip(self._frames, self._folds, strict=True):
+            start, told = Unknowns.zero(frames.frames, prior.size - FRAMES), seen.known.any(axis=1)
             try:
-                fit = identify(rows[train], measured[train], start, prior, self.options)
+                fit = identify(rows[train], fitted, start, prior, self.options)
             except CalibrationError:  # a choice that cannot be fitted is no choice
-                scores[validation] = _FAILED
+                scores[judged[told]] = _FAILED
                 continue
-            seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
-            scores[validation] = row_scores(seen.residual(prediction), seen.sigma)
-            scores[validation[seen.known.any(axis=1) & ~prediction.closed]] = _FAILED
+            prediction = rows[judged].predict(fit.unknowns)
+            scores[judged[told]] = row_scores(seen.residual(prediction), seen.sigma)[told]
+            scores[judged[told & ~prediction.closed]] = _FAILED
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 
 

@@ -56,6 +56,12 @@ class MeasuredPoses(PoseStack):
         others = tuple(instrument[rows] for instrument in self.others)
         return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows], others=others)
 
+    def among(self, rows: Indices) -> tuple[Indices, MeasuredPoses]:
+        """Return some rows and behind them those that their distances start from, by index; these are not measured."""
+        starts = [own.start[rows] for own in self.others if isinstance(own, Distances)]
+        every = np.concatenate([rows, np.setdiff1d(np.concatenate([rows, *starts]), [*rows, -1, -2])])
+        return every, self.without(every[len(rows) :])[every]
+
     def with_noise(self, noise: NoiseLevel) -> MeasuredPoses:
         """Return the same with another noise level."""
         others = tuple(replace(instrument, sigma=noise[instrument.kind].sigma) for instrument in self.others)

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import engine_for
+from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
@@ -60,14 +61,13 @@ def campaign_of(drives, **measured):
     n = len(drives)
     return Campaign(
         path=Path("made.csv"),
-        metadata=MADE,
         lines=np.arange(n) + 2,
         samples=tuple(f"p{k}" for k in range(n)),
         sessions=("1",) * n,
         headings={},
         ignored_columns=(),
         drives=drives,
-        **({"robot": RobotDefinition.load(ARM), "position_m": np.full((n, 3), np.nan)} | measured),
+        **({"robot": RobotDefinition.load(ARM), "metadata": MADE, "position_m": np.full((n, 3), np.nan)} | measured),
     )
 
 
@@ -120,6 +120,34 @@ def test_a_distance_counts_only_with_the_row_it_starts_from(model, drives, place
         assert not part.known.any()
     with_start = measured[np.array([5, 0, 9])]
     assert with_start.known[:, 6].tolist() == [True, True, True]
+
+
+def test_a_part_of_the_rows_keeps_the_row_that_its_distances_start_from(model, drives, places):
+    """All from one place, as with a ball bar: whichever block holds that row, the others are told all the same."""
+    length = np.linalg.norm(places - places[20], axis=1)[:, None]
+    campaign = campaign_of(drives, distance_m=length, distance_from=tuple("p20" if k != 20 else "" for k in range(24)))
+    measured, part = MeasuredPoses.from_campaign(campaign, NOISE), np.array([3, 5, 8])
+    used, seen = measured.among(part)
+    assert used.tolist() == [3, 5, 8, 20] and seen.known.any(axis=1).tolist() == [True, True, True, False]
+    frames = Unknowns.zero(TRACKER, 1)
+    np.testing.assert_allclose(seen.residual(model.at(drives[used]).predict(frames))[:3, 6], 0.0, atol=1e-12)
+    assert measured.among(np.arange(24))[0].tolist() == list(range(24))
+
+
+def test_groups_are_chosen_by_distances_from_one_row():
+    """That row is in one of the blocks, and the others were neither fitted nor judged without it."""
+    rng = np.random.default_rng(3)
+    many = rng.uniform(-1.5, 1.5, (90, 6)) + np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0])
+    robot = RobotModel(robot=str(ARM))
+    off = MeasurementModel(robot, (DriveParameter("elbow_joint", "rad"),))
+    there = off.at(many).predict(Unknowns(TRACKER, np.append(np.zeros(12), 2e-3))).position_m
+    length = np.linalg.norm(there - there[0], axis=1) + rng.normal(0.0, 1e-4, 90)
+    length[0] = np.nan
+    metadata = MADE.model_copy(update={"sigma_distance_m": 1e-4})
+    campaign = campaign_of(many, distance_m=length[:, None], distance_from=("", *("p0",) * 89), metadata=metadata)
+    found = calibrate(campaign, robot, CalibrationOptions(("drives",)))
+    line = found.to_frame().set_index("parameter").loc["drive.elbow_joint"]
+    assert line["std"] < 0.1 and abs(line["value"] - 2.0) < 4.0 * line["std"]
 
 
 @pytest.mark.parametrize("seen", ["one coordinate a row", "height only", "distance"])
