@@ -37,6 +37,7 @@ from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import sums_of
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
@@ -262,9 +263,7 @@ class _Work:
             diagnoser.thresholds,
             noise_known=known,
             unexplained=misfit,
-            varied=lambda effect: varied(
-                effect, diagnoser.added(hypothesis, effect, after.linear), rows.conditions, after.linear.row
-            ),
+            varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
         )
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
@@ -324,7 +323,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
         linear.sigma,
         Nuisance.of(linear.free),
         before.frames.T_tracker_base.rotation,
-        rows.drive_columns(linear),
+        rows.moving_drives(linear, sums_of(linear.row, len(rows))),
         noise_known=not rows.noise.from_residuals,
         noise_freedoms=rows.noise.freedoms,
     )

@@ -304,14 +304,21 @@ class CampaignRows:
         """Return what of :meth:`channel` the rows do that readings start from, (m,)."""
         return linear.by_start[:, -1 if name == SCALE else self._places[name]]
 
-    def moving(self, name: str, linear: LinearRows, sums: scipy.sparse.csr_array) -> Channel:
-        """Return how one local parameter that differs from row to row moves readings that start from other rows.
+    def moving(
+        self, name: str, changes: Mapping[str, FloatArray], linear: LinearRows, sums: scipy.sparse.csr_array
+    ) -> Channel:
+        """Return how changes of local parameters, (n,) each, move readings; some rows may have more of them.
 
-        ``sums`` (n, m) say which row each equation is of, as :class:`~pouring_robot.inference.processes.Channel` does.
+        ``sums`` (n, m) say which row each equation is of, as :class:`~pouring_robot.inference.processes.Channel` does;
+        a reading that starts from another row is moved by what is in that one, too.
         """
-        column = self.channel(name, linear)
-        by_start, equations = self._by_start(name, linear), np.tile(np.arange(len(column)), 2)
-        ends = np.concatenate([linear.row, linear.start]), equations
+        column = self.signature(changes, linear)
+        if not linear.by_start.size:
+            return Channel(name, column, sums)
+        by_start = np.zeros(len(column))
+        for parameter, change in changes.items():
+            by_start += self._by_start(parameter, linear) * change[linear.start]
+        ends = np.concatenate([linear.row, linear.start]), np.tile(np.arange(len(column)), 2)
         shares = scipy.sparse.csr_array((np.concatenate([column - by_start, by_start]), ends), sums.shape)
         return Channel(name, np.sign(np.abs(column) + np.abs(by_start)), shares)
 
@@ -321,9 +328,10 @@ class CampaignRows:
             return linear.scale
         return np.ascontiguousarray(linear.jacobian[:, self._places[name]])  # who keeps it does not keep all of them
 
-    def drive_columns(self, linear: LinearRows) -> FloatArray:
-        """Return the whitened signature of every drive, shape (m, D), per m or rad."""
-        return np.column_stack([self.channel(channel(drive), linear) for drive in self.conditions.robot.drives])
+    def moving_drives(self, linear: LinearRows, sums: scipy.sparse.csr_array) -> tuple[Channel, ...]:
+        """Return :meth:`moving` of a m or rad of every drive."""
+        names, unit = map(channel, self.conditions.robot.drives), np.ones(len(self))
+        return tuple(self.moving(name, {name: unit}, linear, sums) for name in names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
@@ -181,14 +182,15 @@ class Diagnoser:
             named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
         return tuple(named)
 
-    def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> FloatArray:
-        """Return what an effect at work adds to the prediction to first order, whitened, (m,), the frames held.
+    def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> Channel:
+        """Return what an effect at work adds to the whitened prediction to first order, the frames held.
 
         What varies its size changes that, and not what frames leave of it.
         """
         forms = [hypothesis.items[k].key for k in hypothesis.of_effect(effect)]
         found = [one for key, group in self.parameters_of(hypothesis) if key in forms for one in group]
-        return self._signature(tuple(one.parameter for one in found), np.array([one.value for one in found]), linear)
+        changes = local_changes([one.parameter for one in found], [one.value for one in found])
+        return self.rows.moving(effect, changes, linear, sums_of(linear.row, len(self.rows)))
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""

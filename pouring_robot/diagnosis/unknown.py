@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.effects.base import EffectParameter, channel
+from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
@@ -68,18 +68,18 @@ class Places:
         component: Indices,
         sigma: FloatArray,
         axes: FloatArray,
-        drives: FloatArray,
+        drives: Sequence[Channel],
     ) -> Places:
         """Return them from m equations, each with its row, component and noise, (m,) each, in m or rad.
 
-        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` whitened derivatives by them, (m, D).
+        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` what a m or rad of each does.
         """
         sums, seen = sums_of(row, len(given)), []
         for k in shown(component):
             own = np.where(component // 3 == k // 3, axes[component % 3, k % 3], 0.0) if k < 6 else component == k
             seen.append(Channel(component_name(k), own / sigma, sums, 3 <= k < 6))
-        named = zip(given.robot.drives, drives.T, strict=True)
-        return cls(given, tuple(Channel(d.symbol, c, sums, d.unit == "rad") for d, c in named), tuple(seen))
+        named = zip(given.robot.drives, drives, strict=True)
+        return cls(given, tuple(replace(c, name=d.symbol, turning=d.unit == "rad") for d, c in named), tuple(seen))
 
 
 def shown(component: Indices) -> tuple[int, ...]:
@@ -96,14 +96,12 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     by chance counts as something unknown. Where the noise is not stated it is noise, of the robot if not of the device.
     """
     given = rows.conditions
-    places = Places.of(given, linear.row, linear.component, linear.sigma, axes, rows.drive_columns(linear))
-
-    sums = places.seen[0].rows
-    inside = moving = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
-    if linear.by_start.size:  # what differs from row to row moves both ends of a reading, each by its own row
-        moving = functools.cache(lambda name: rows.moving(name, linear, sums))
-        named = [replace(moving(channel(d)), name=d.symbol, turning=d.unit == "rad") for d in given.robot.drives]
-        places = replace(places, drives=tuple(named))
+    sums, unit = sums_of(linear.row, len(given)), np.ones(len(given))
+    drives = rows.moving_drives(linear, sums)
+    places = Places.of(given, linear.row, linear.component, linear.sigma, axes, drives)
+    inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
+    # What differs from row to row moves both ends of a reading, each by its own row.
+    moving = functools.cache(lambda name: rows.moving(name, {name: unit}, linear, sums))
     base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
@@ -147,14 +145,13 @@ def _without_mean(course: FloatArray) -> FloatArray:
     return np.asarray(course - course.mean(axis=0))
 
 
-def varied(effect: str, part: FloatArray, given: Conditions, row: Indices) -> Iterator[Process]:
-    """Yield how the size of what an effect adds to the whitened prediction, (m,), may vary with each condition."""
-    channel = Channel(effect, part, sums_of(row, len(given)))
+def varied(effect: Channel, given: Conditions) -> Iterator[Process]:
+    """Yield how the size of what an effect adds to the whitened prediction may vary with each condition."""
     for by, lengths in (*_of_one_condition(given), *_of_pose(given, _POSE_LENGTHS)):
-        sizes = {words: Part(channel, course).rms for words, course in lengths.items()}
+        sizes = {words: Part(effect, course).rms for words, course in lengths.items()}
         varying = {words: _VARIED / size * lengths[words] for words, size in sizes.items() if size > 0.0}
         if varying:
-            yield _moved(effect, by, [channel], varying)
+            yield _moved(effect.name, by, [effect], varying)
 
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:

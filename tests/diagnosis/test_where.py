@@ -16,6 +16,7 @@ from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Nuisance
+from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.robot.model import RobotModel
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
@@ -74,7 +75,7 @@ def seen(rng, given, error=None, full=True, turned=0.4):
     tracker = np.concatenate([np.einsum("ab,nbf->naf", arms.as_matrix(), frames[:, k : k + 3]) for k in (0, 3)], axis=1)
     free = tracker.reshape(6 * n, 12)[np.tile(np.arange(6) < width, n)] / sigma[:, None]
     directions = np.random.default_rng(8).normal(size=(6, 4)) * np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
-    drives = directions[component] / sigma[:, None]
+    drives = tuple(Channel("", one, sums_of(row, n)) for one in (directions[component] / sigma[:, None]).T)
     residual = rng.normal(size=row.size)
     if error is not None:
         whole = np.concatenate([error[:, :3] @ axes.T, error[:, 3:] @ axes.T], axis=1)
@@ -159,7 +160,9 @@ def test_side_of_one_drive_is_found_on_that_drive():
     rng = np.random.default_rng(7)
     given = scene(rng)
     data = seen(rng, given)
-    data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 6e-5 * given.approach[data.row, 1])
+    data = dataclasses.replace(
+        data, residual=data.residual + data.drives[1].column * 6e-5 * given.approach[data.row, 1]
+    )
     where = disagreements(data, given, 0.01)
     assert conditions_found(where) == ["side of approach"]
     (item,) = [f for f in where.findings if f.what == "condition"]
@@ -177,7 +180,7 @@ def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
     given = dataclasses.replace(given, drives=drives)
     data = seen(rng, given)
     course = np.sin(2.0 * np.pi * waves * along) if waves else along - 0.5
-    data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 3e-4 * course[data.row])
+    data = dataclasses.replace(data, residual=data.residual + data.drives[1].column * 3e-4 * course[data.row])
     (item,) = [f for f in disagreements(data, given, 0.01).findings if f.what == "condition"]
     assert item.sentence.startswith(f"Varies along its own length, {said}: leg 2 by ")
 
@@ -233,8 +236,9 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
     given = scene(rng)
     data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
     wrong = 7.0
+    drives = tuple(dataclasses.replace(one, column=one.column / wrong) for one in data.drives)
     guessed = dataclasses.replace(
-        data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=data.drives / wrong, noise_known=False
+        data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=drives, noise_known=False
     )
     where = disagreements(guessed, given, 0.01)
     assert all(f.p_value is None for f in where.findings if f.what in ("lack of fit", "component"))
@@ -260,7 +264,7 @@ def test_few_rows_and_lost_cells():
         data.sigma[kept],
         frames,
         data.axes,
-        data.drives[kept],
+        tuple(Channel("", one.column[kept], sums_of(data.row[kept], 9)) for one in data.drives),
     )
     assert lost.cleared.size == data.cleared.size - 3
     assert disagreements(lost, given, 0.01).findings
@@ -272,7 +276,7 @@ def test_nothing_beyond_the_frames_is_refused():
     data = seen(rng, given)
     first = data.row < 2
     kept = data.residual[first], data.row[first], data.component[first], data.sigma[first]
-    few = FreeResiduals(*kept, Nuisance(np.eye(12)), data.axes, data.drives[first])
+    few = FreeResiduals(*kept, Nuisance(np.eye(12)), data.axes, data.drives)
     with pytest.raises(BadInputError, match="12 measured values"):
         disagreements(few, given, 0.01)
     with pytest.raises(BadInputError, match="must all count"):

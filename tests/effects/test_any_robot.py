@@ -228,9 +228,14 @@ def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows,
     # What is unknown moves them likewise.
     name, course = channel(apart.conditions.robot.drives[0]), rng.normal(size=(ROWS, 1))
     sums = sums_of(linear.row, ROWS)
-    part, plain = Part(apart.moving(name, linear, sums), course), Part(Channel("", np.ones(ROWS), sums), course)
-    expected = apart.column(EffectParameter("any", "rad", 1.0, {name: course[:, 0]}), linear)
-    np.testing.assert_allclose(columns_of([part])[:, 0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    plain = Part(Channel("", np.ones(ROWS), sums), course)
+    # An effect whose size varies, and a drive.
+    for change in (rng.normal(size=ROWS), np.ones(ROWS)):
+        part = Part(apart.moving("any", {name: change}, linear, sums), course)
+        expected = apart.column(EffectParameter("any", "rad", 1.0, {name: change * course[:, 0]}), linear)
+        np.testing.assert_allclose(columns_of([part])[:, 0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    first = columns_of([Part(apart.moving_drives(linear, sums)[0], course)])
+    np.testing.assert_allclose(first, columns_of([part]), rtol=1e-12)
     np.testing.assert_allclose(between([plain], [part]), [[course[:, 0] @ expected]], rtol=1e-9)
 
 

@@ -13,6 +13,7 @@ import scipy.special
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.inference.explanations import Nuisance
+from pouring_robot.inference.processes import Channel
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
@@ -27,7 +28,7 @@ class FreeResiduals:
     sigma: FloatArray  # noise of each equation, (m,), in m or rad
     nuisance: Nuisance  # what the frames can explain
     axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
-    drives: FloatArray  # whitened derivative of the prediction by the drives, (m, D), per m and rad
+    drives: tuple[Channel, ...]  # what a m or rad of each drive does
     noise_known: bool = True  # False where ``sigma`` was guessed or taken from these very residuals
     # degrees of freedom of an estimated noise (from repeats); infinite where it was stated
     noise_freedoms: float = float("inf")
@@ -60,7 +61,7 @@ class FreeResiduals:
             residual=self.residual / factor,
             sigma=self.sigma * factor,
             nuisance=Nuisance.of(self.nuisance.axes / factor[:, None]),
-            drives=self.drives / factor[:, None],
+            drives=tuple(replace(one, column=one.column / factor) for one in self.drives),
         )
 
 
