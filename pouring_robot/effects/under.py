@@ -45,7 +45,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import first_fault
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.units import UNITS, to_inner
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, real
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -78,7 +78,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             continue
         try:
             # What is masked nobody said.
-            numbers: FloatArray = np.asarray(np.ma.filled(np.ma.array(values, dtype=float), np.nan))
+            numbers = np.where(np.ma.getmaskarray(np.ma.asarray(values)), np.nan, real(values))
         except (TypeError, ValueError):
             numbers = np.array(np.nan)
         if UNITS[quantity.kind]:

@@ -37,6 +37,17 @@ def grid(*axes: ArrayLike) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
+def real(values: Any) -> FloatArray:
+    """Return a copy of real numbers as an array; TypeError or ValueError of what numpy would drop a part of.
+
+    That is an imaginary part, when a time is counted from, and the names of fields.
+    """
+    given = np.asarray(values)
+    if given.dtype.kind in "cmMV" or (given.dtype.kind == "O" and np.iscomplexobj(given.tolist())):
+        raise TypeError
+    return np.array(values, dtype=float)
+
+
 def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
     """Return a copy of numbers that a user gives as an array of a shape, or raise BadInputError(demand).
 
@@ -46,7 +57,7 @@ def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArr
     if hasattr(values, "columns"):
         raise BadInputError(f"{demand}; a table's headings are not read: convert its columns and give to_numpy()")
     try:
-        array = np.array(values, dtype=float)
+        array = real(values)
     except (TypeError, ValueError):
         raise BadInputError(demand) from None
     if array.shape == (0,) and len(shape) > 1:

@@ -312,7 +312,7 @@ class ClosedChainMechanism:
             )
         for name, value in values.items():
             joint = self.shared_model.joints[self.joint_id(name)]
-            if not np.isfinite(value):
+            if not isinstance(value, float | int | np.floating | np.integer) or not np.isfinite(value):
                 raise BadInputError(f"joint '{name}': the value must be a finite number, not {value}")
             if joint.nv != 1:
                 raise BadInputError(f"joint '{name}' has {joint.nv} freedoms; only one-freedom joints can be set")

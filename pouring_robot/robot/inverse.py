@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
@@ -21,6 +22,7 @@ REACHED = 1e-9
 """A target is met when place and attitude are this near, in m and rad."""
 _SETTLED, _MOST_STEPS = 1e-11, 60
 _SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
+_ROUNDED = 1e-6  # how far from orthonormal the axes of a rotation are that was written or added up
 _LONGEST = {"m": 0.1, "rad": 0.3}
 
 Close = Callable[[FloatArray, FloatArray], ClosureResult]
@@ -29,11 +31,21 @@ Close = Callable[[FloatArray, FloatArray], ClosureResult]
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a frame of the end body is wanted, in the base."""
+    """Where a frame of the end body is wanted, in the base, or BadInputError if that is no place and no attitude."""
 
     position_m: FloatArray  # of its origin, shape (3,), in m
     rotation: FloatArray | None = None  # of its axes, shape (3, 3); None: any
     frame: str | None = None  # the frame; None: the end frame
+
+    def __post_init__(self) -> None:
+        place = finite(self.position_m, (3,), "the place of a target must be three finite numbers, in m")
+        object.__setattr__(self, "position_m", place)
+        if self.rotation is not None:
+            demand = "the attitude of a target must be a rotation matrix, 3 × 3"
+            rotation = finite(self.rotation, (3, 3), demand)
+            if np.abs(rotation.T @ rotation - np.eye(3)).max() > _ROUNDED or np.linalg.det(rotation) < 0.0:
+                raise BadInputError(demand)
+            object.__setattr__(self, "rotation", rotation)
 
     def left(self, pose: pin.SE3) -> FloatArray:
         """Return a pose minus the target, (6,): displacement in m and rotation vector in rad, in the base's axes."""

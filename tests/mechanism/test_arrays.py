@@ -34,8 +34,14 @@ def test_numbers_are_copied_and_an_empty_list_is_no_rows():
         pd.DataFrame({"x_mm": [1.0], "y_mm": [2.0], "z_mm": [3.0]}),
         np.ma.array([[1.0, 2.0, 3.0]], mask=[[0, 1, 0]]),
         np.empty((0, 2)),
+        np.array([[1.0, 2.0, 3.0 + 1.0j]]),
+        [[np.complex128(1.0)] * 3],
+        np.array([[np.complex128(1.0)] * 3], dtype=object),
+        np.array([["2026-01-01"] * 3], dtype="M8[s]"),
+        np.zeros((1, 3), dtype=[("x_mm", float)]),
+        [[object()] * 3],
     ],
 )
-def test_labels_and_masks_are_not_passed_over(values):
+def test_what_is_more_than_numbers_is_not_passed_over(values):
     with pytest.raises(BadInputError, match="three numbers"):
         finite(values, (None, 3), "three numbers")

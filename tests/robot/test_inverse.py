@@ -103,3 +103,18 @@ def test_a_real_arm_comes_back_to_where_it_was():
     there = arm.location_at([0.3, -1.4, 1.1, 0.2, 0.6, 0.1]).nominal.pose_base_to_end
     found = arm.location_to(Target(there.translation, there.rotation)).nominal.pose_base_to_end
     assert np.abs(pin.log6(there.actInv(found)).vector).max() < REACHED
+
+
+@pytest.mark.parametrize(
+    ("place", "turned", "says"),
+    [
+        ([0.5, 0.1], None, "the place of a target"),
+        (np.array([0.5, 0.1, 0.7j]), None, "the place of a target"),
+        ([0.5, 0.1, 0.7], np.eye(3) * 1j, "the attitude of a target"),
+        ([0.5, 0.1, 0.7], [0.0, 0.0, 0.2], "the attitude of a target"),
+        ([0.5, 0.1, 0.7], np.diag([1.0, 1.0, -1.0]), "a rotation matrix, 3 × 3"),
+    ],
+)
+def test_a_target_is_a_place_and_a_rotation(place, turned, says):
+    with pytest.raises(BadInputError, match=says):
+        Target(place, turned)
