@@ -328,13 +328,20 @@ class ClosedChainMechanism:
         """
         if not self.mimics:
             return configuration
-        values = self.joint_values(configuration) | dict(values)
-        followed = {m.joint: m.ratio * values[m.leader] + m.offset for m in self.mimics}
-        return self.with_joint_values(configuration, followed)
+        return self.with_joint_values(configuration, self.following(self.joint_values(configuration) | dict(values)))
+
+    def following(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return where joints stand that mimic those of known values (m or rad)."""
+        return {m.joint: m.ratio * values[m.leader] + m.offset for m in self.mimics if m.leader in values}
 
     def followed(self, offsets: Mapping[str, float]) -> dict[str, float]:
         """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
         return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
+
+    @property
+    def endless(self) -> tuple[str, ...]:
+        """Joints that turn without limits, whose whole turns no configuration knows."""
+        return tuple(name for name, _, count, freedoms in self._moving if count > freedoms == 1)
 
     @functools.cached_property
     def _moving(self) -> tuple[tuple[str, int, int, int], ...]:

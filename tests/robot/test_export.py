@@ -168,6 +168,17 @@ def test_tables_of_joints_are_of_the_tree_whose_joints_hold_offsets(tied):
         assert values == pytest.approx(tied_values(*command), abs=1e-12)
 
 
+def test_joints_without_limits_are_turned_as_far_as_commanded(tied):
+    """Of them a closure holds cosine and sine; what follows a drive turns as often as that does."""
+    path, command = tied.definition.path, [0.35 + 10.0 * np.pi, 0.15]
+    urdf = path.with_name("tied.urdf")
+    urdf.write_text(urdf.read_text("utf-8").replace('"turn" type="revolute"', '"turn" type="continuous"'), "utf-8")
+    tied = RobotModel.for_robot(path).model_copy(update={"drive_offsets": tied.drive_offsets})
+    location = robot_of(tied).location_at(command)
+    row = JointRow.of(location.actual, tied.drive_offset_values(), location.drives)
+    assert row.values == pytest.approx(tied_values(*command), abs=1e-9)
+
+
 def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
     closed = ClosedRobot.of(crooked)
     one, other = (pin.buildModelFromXML(text) for text in (closed.urdf, closed.urdf_zero_here()))

@@ -275,7 +275,7 @@ class Drawing:
         from pouring_robot.robot.export.joints import JointRow
 
         offsets = model.drive_offset_values()
-        return [JointRow.of(one.actual, offsets) for one in locations]
+        return [JointRow.of(one.actual, offsets, one.drives) for one in locations]
 
     def write_joints(self, rows: Sequence[JointRow]) -> list[Path]:
         """Write the joint values of the robot as built, for the exported tree, if they were asked for."""

@@ -28,11 +28,22 @@ class JointRow:
     gap_rad: float
 
     @classmethod
-    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> Self:
-        """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold."""
-        beyond = closed.mechanism.followed(offsets)
+    def of(
+        cls,
+        closed: ClosureResult,
+        offsets: Mapping[str, float] = MappingProxyType({}),
+        commanded: Mapping[str, float] = MappingProxyType({}),
+    ) -> Self:
+        """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold.
+
+        A closure does not say of joints without limits by how many turns; drives are turned as far as ``commanded``.
+        """
+        mechanism = closed.mechanism
+        beyond, known = mechanism.followed(offsets), {**commanded, **mechanism.following(commanded)}
         values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
-        units = {name: closed.mechanism.unit_of(name) for name in values}
+        for name in known.keys() & mechanism.endless:
+            values[name] += math.tau * round((known[name] - values[name]) / math.tau)
+        units = {name: mechanism.unit_of(name) for name in values}
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
     @classmethod
