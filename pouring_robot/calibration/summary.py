@@ -146,7 +146,13 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
 
 def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
     """Return the parts whose error after is more than so many times that before, in words."""
-    parts = (("position", "mm", before.rms_mm, after.rms_mm), ("rotation", "mrad", before.rms_mrad, after.rms_mrad))
+    parts = [
+        ("position", "mm", before.rms_mm, after.rms_mm),
+        ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
+        ("distance or closure", "mm", before.line_rms_mm, after.line_rms_mm),
+    ]
+    if not np.isfinite(before.axis_rms_mm).any():
+        del parts[0]  # what stands there is of the distances or closures
     return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 

@@ -15,7 +15,6 @@ from pouring_robot.diagnosis.remainder import Remainder
 from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
 from pouring_robot.diagnosis.where.where import Where, disagreements
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
@@ -68,7 +67,7 @@ class Conclusions(Findings):
 
     @cached_property
     def _amended(self) -> tuple[RobotModel, str]:
-        if self.train.position("after") > WORSE * self.train.position("before"):
+        if self.train.worse:
             return self.model, "what was found does not bring the fitted rows closer, so the model stays as given"
         try:
             return amended_model(self), ""

@@ -14,7 +14,6 @@ from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.splits import WORSE
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import BoolArray, Indices
@@ -60,8 +59,7 @@ class Findings:
     @property
     def overfitted(self) -> bool:
         """Whether what was fitted takes the model further from the held-out rows."""
-        gap = self.held_out
-        return gap is not None and gap.position("after") > WORSE * gap.position("before")
+        return self.held_out is not None and self.held_out.worse
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.estimation.kinds import LENGTHS, are, component_name, kinds_of
+from pouring_robot.estimation.splits import WORSE
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
@@ -77,6 +78,12 @@ class Gap:
     def closed(self) -> float:
         """Return how much of the position's gap is gone: (before - after) / (before - floor); NaN without a gap."""
         return share_closed(*(self.position(which) for which in ("before", "after", "floor")))
+
+    @property
+    def worse(self) -> bool:
+        """Whether the amended model misses more than the given one: all values together, each over its noise."""
+        before, after = (rms(np.repeat(size / self.floor, self.counts)) for size in (self.before, self.after))
+        return after > WORSE * before
 
     def figures(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""

@@ -46,6 +46,16 @@ def test_warnings(found):
     assert any("3.00 times the noise" in line for line in warnings_of(replace(found, inflation=3.0)))
 
 
+def test_what_is_worse_is_told_of_every_kind(found):
+    """Distances beside places, and alone: the figure of lengths is theirs then, and no position's."""
+    size = found.before.shape[0]
+    none, small, large = np.full((size, 3), np.nan), np.full((size, 1), 1e-4), np.full((size, 1), 2e-4)
+    for placed in (found.after[:, :3], none):
+        before, after = (np.hstack([placed, none, distance]) for distance in (small, large))
+        (told,) = [line for line in warnings_of(replace(found, before=before, after=after)) if "do not use" in line]
+        assert told == "worse on held-out rows: distance or closure 0.1 to 0.2 mm; do not use this model"
+
+
 def test_what_to_measure_next(found, unchanged):
     lines = next_measurements(found)
     assert any("poses that narrow the intervals most" in line for line in lines)

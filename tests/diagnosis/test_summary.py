@@ -112,6 +112,32 @@ def test_a_gap_is_over_the_lengths_there_are():
     assert set(gap.figures()["components"]) == {"x", "y", "rx", "ry", "rz", "closure"}
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_worse_is_told_by_all_values(seed):
+    """Each over its noise, rotations and distances too; by hand, value by value."""
+    random = np.random.default_rng(seed)
+    sigma, counts = random.uniform(1e-5, 1e-3, 8), random.integers(0, 9, 8)
+    kept = random.integers(0, 2, 3).repeat((3, 3, 2)).astype(bool) | (counts > 6)  # whole kinds may be missing
+    counts = np.where(kept, counts, 0)
+    before, after = (np.where(counts > 0, sigma * random.uniform(0.5, 3.0, 8), np.nan) for _ in range(2))
+    squares = [0.0, 0.0]
+    for component in np.flatnonzero(counts):
+        for _ in range(counts[component]):
+            for k, size in enumerate((before, after)):
+                squares[k] += (size[component] / sigma[component]) ** 2
+    assert Gap(9, before, after, sigma, counts).worse == (math.sqrt(squares[1]) > 1.05 * math.sqrt(squares[0]))
+
+
+def test_a_model_that_turns_worse_is_not_to_be_used(hot):
+    """Rotations alone tell it: where nothing else was measured, and where places are as they were."""
+    gap = hot.held_out
+    turned = np.where(np.arange(len(gap.before)) < 3, gap.before, 2.0 * gap.before)
+    for counts in (gap.counts, np.where(np.arange(len(gap.counts)) < 3, 0, gap.counts)):
+        assert replace(hot, held_out=replace(gap, after=turned, counts=counts)).worse
+        assert not replace(hot, held_out=replace(gap, after=gap.before, counts=counts)).worse
+    assert replace(hot, train=replace(hot.train, after=np.where(turned > gap.before, turned, hot.train.before))).refused
+
+
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
