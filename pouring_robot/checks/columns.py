@@ -1,6 +1,6 @@
 """Checks that need no drawing: name of the robot, copies, stuck and jumping columns, approach, time, noise, counts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +10,15 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.robust import robust_sigma
+from pouring_robot.exceptions import some
+from pouring_robot.io.quantities import UNITS
 from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
+_NAMED = 8
 _ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
     "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
@@ -253,15 +256,26 @@ def _temperatures(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
-    if campaign.ignored_columns:
-        names = ", ".join(f"'{name}'" for name in campaign.ignored_columns[:8])
-        message, severity, remedy = f"columns that are no part of a campaign were left out: {names}", Severity.NOTE, ""
-        if campaign.position_measured.any() and not campaign.full_pose and len(campaign.ignored_columns) >= _ATTITUDE:
+    """Yield the headings that nobody knows; they are headings, not quantities."""
+    others = list(campaign.ignored_columns)
+    unused = [name for name in others if name.rpartition("_")[2] in UNITS["temperature"]]
+    if unused:
+        parts = some((columns.AMBIENT, *campaign.robot.thermometers), _NAMED)
+        message = f"{_headings(unused)}: no part of the robot is called so, and what is read there is not used"
+        remedy = f"{FlagCode.UNUSED_TEMPERATURE.remedy}; parts: {parts}"
+        yield replace(found(campaign, FlagCode.UNUSED_TEMPERATURE, message, remedy=remedy), columns=tuple(unused))
+        others = [name for name in others if name not in unused]
+    if others:
+        message, severity, remedy = f"{_headings(others)}: no part of a campaign, left out", Severity.NOTE, ""
+        if campaign.position_measured.any() and not campaign.full_pose and len(others) >= _ATTITUDE:
             message += "; no rotation was read"
             severity, remedy = Severity.WARNING, _AS_ROTATION_VECTOR
         flag = found(campaign, FlagCode.IGNORED_COLUMNS, message, severity=severity, remedy=remedy)
-        # They are headings, not quantities.
-        yield replace(flag, columns=campaign.ignored_columns)
+        yield replace(flag, columns=tuple(others))
+
+
+def _headings(names: Sequence[str]) -> str:
+    return f"column{'s' * (len(names) > 1)} {some([repr(name) for name in names], _NAMED)}"
 
 
 def _runs(same: BoolArray, longest: int) -> Iterator[Indices]:

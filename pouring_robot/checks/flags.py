@@ -88,6 +88,11 @@ class FlagCode(enum.StrEnum):
     )
     MISSING_DRIVES = "missing_drives", _WARNING, "these rows cannot be used; fill in what was commanded"
     IGNORED_COLUMNS = "ignored_columns", _NOTE, "rename them if they hold a condition; else all is well"
+    UNUSED_TEMPERATURE = (
+        "unused_temperature",
+        _WARNING,
+        "name each after the part whose temperature it is, or leave it out",
+    )
     CONDITION_UNIT = "condition_unit", _ERROR, "correct the unit at the end of the column's name, or convert the column"
     IMPOSSIBLE_CONDITION = "impossible_condition", _ERROR, "correct these cells, or empty them; check the unit, too"
     CONDITIONS_EXCHANGED = "conditions_exchanged", _ERROR, "put the headings over the right columns"

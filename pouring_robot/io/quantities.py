@@ -152,7 +152,9 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
             raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
         if stem == quantity.name and (unit in _ALL_UNITS or len(unit) <= 4):
             raise table.heading_fault(f"'{unit}' is no unit of {words}; write {wanted}", heading)
-    lower = {name.lower(): name for name in known}
+    # Of temperatures beside one another, as leg1_degC and leg5_degC, the second is no slip for the first.
+    read = {name for name, quantity in known.items() if quantity.kind == "temperature"} & {*table.headings}
+    lower = {name.lower(): name for name in known if name not in read}
     near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)
     if near:
         raise table.heading_fault(f"unknown column; did you mean '{lower[near[0]]}'?" + table.separators(), heading)

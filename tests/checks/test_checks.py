@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign, examine
@@ -205,6 +206,10 @@ DAMAGES = {
     "another_robot": [lambda c: dataclasses.replace(c, metadata=c.metadata.model_copy(update={"robot": "other"}))],
     "sessions_of_rows": [lambda c: dataclasses.replace(c, sessions=c.samples)],
     "ignored_columns": [lambda c: dataclasses.replace(c, ignored_columns=("operator",))],
+    "unused_temperature": [
+        lambda c: dataclasses.replace(c, ignored_columns=("spindle_degC",)),
+        lambda c: dataclasses.replace(c, ignored_columns=("leg5_degC", "oil_K")),
+    ],
     "outlier": [
         lambda c: damaged(c, position_m=lambda v: v + np.where(np.arange(len(v)) == 11, 0.015, 0.0)[:, None]),
         lambda c: damaged(c, rotation_vector_rad=lambda v: v + np.where(np.arange(len(v)) == 11, 0.05, 0.0)[:, None]),
@@ -456,6 +461,21 @@ def test_columns_that_may_be_a_quaternion_are_not_left_out_without_a_word(real):
     assert severities == ["note", "warning"]
     assert "no rotation was read" in flag.message
     assert "as_rotvec" in flag.remedy
+
+
+def test_a_thermometer_that_sits_on_no_part_is_told_to_be_unused(real, tmp_path):
+    """A diagnosis repeats warnings; a fifth leg is a slip only for one that is not there."""
+    table, _ = real.campaign.save(tmp_path / "hot.csv")
+    heading, *rows = table.read_text().splitlines()
+    table.write_text("\n".join([f"{heading},leg5_degC,spindle_K,note", *(f"{row},20,300,ok" for row in rows)]))
+    flags = {flag.code: flag for flag in check_columns(Campaign.read(table))}
+    flag, left_out = flags[FlagCode.UNUSED_TEMPERATURE], flags[FlagCode.IGNORED_COLUMNS]
+    assert (flag.severity, flag.columns, left_out.columns) == ("warning", ("leg5_degC", "spindle_K"), ("note",))
+    assert flag.message.startswith("columns 'leg5_degC', 'spindle_K': ") and "not used" in flag.message
+    assert "leg1" in flag.remedy and "ambient" in flag.remedy
+    table.write_text(table.read_text().replace("leg4_degC", "legs4_degC"))
+    with pytest.raises(CampaignError, match="did you mean 'leg4_degC'"):
+        Campaign.read(table)
 
 
 @pytest.mark.parametrize("factor", [0.1, 3.0, 10.0])
