@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticKnownError
 from pydantic_core.core_schema import no_info_before_validator_function
 from ruamel.yaml import YAML
@@ -22,6 +23,7 @@ from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import read_text
+from pouring_robot.io.quantities import UNITS
 from pouring_robot.io.tables import LARGEST
 
 
@@ -34,6 +36,7 @@ def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
 Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
 Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
+_UNITS = {unit.lower() for units in UNITS.values() for unit in units}
 _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 
 
@@ -150,8 +153,8 @@ def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> 
     return [*found, *location[len(location) - missing :]], line
 
 
-def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> list[str]:
-    """Return the keys allowed at a place of the file, as far as the types tell."""
+def _known_fields(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> dict[str, FieldInfo]:
+    """Return what is allowed at a place of the file, by key, as far as the types tell."""
     current: Any = model
     for key in location:
         fields = getattr(current, "model_fields", {})
@@ -159,8 +162,33 @@ def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) 
         nested = [a for a in (annotation, *getattr(annotation, "__args__", ())) if hasattr(a, "model_fields")]
         current = nested[0] if nested else (current if annotation is None else None)
         if current is None:
-            return []
-    return [field.alias or name for name, field in current.model_fields.items()]
+            return {}
+    return {field.alias or name: field for name, field in current.model_fields.items()}
+
+
+def _instead(key: str, known: Mapping[str, FieldInfo]) -> str:
+    """Return what to write in the place of a key: the same in a unit that there is, or the nearest."""
+    stem, _, unit = key.rpartition("_")
+    for same, wrong in ((key, "it names no unit"), (stem, f"'{unit}' is no unit of it")):
+        in_units = [name for name in known if name.startswith(f"{same}_") and name[len(same) + 1 :].lower() in _UNITS]
+        if same and in_units:
+            return f": {wrong}; write {' or '.join(in_units)}"
+    for near in difflib.get_close_matches(key, known, n=1):
+        told = known[near].description
+        return f"; did you mean '{near}'{f' (in {told})' if told else ''}?"
+    return ""
+
+
+def _unit_of(model: type[pydantic.BaseModel], content: Any, location: Sequence[str | int]) -> str:
+    """Return the unit that stands beside a value under ``unit``, or that describes its key; "" without."""
+    unit = ""
+    for k, key in enumerate(location):
+        field = _known_fields(model, location[:k]).get(str(key))
+        unit = (field.description if field else None) or unit
+        if isinstance(content, Mapping) and isinstance(content.get("unit"), str) and key != "unit":
+            unit = content["unit"]
+        content = content[key] if k + 1 < len(location) else None
+    return unit
 
 
 def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.ValidationError) -> tuple[str, int | None]:
@@ -174,14 +202,14 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     location, line = _in_the_file(content, first["loc"], first["type"] == "missing")
     where = ".".join(str(part) for part in location)
     if first["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(location[-1]), _known_keys(model, location[:-1]), n=1)
-        message = f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+        message = f"unknown key '{where}'{_instead(str(location[-1]), _known_fields(model, location[:-1]))}"
     elif first["type"] == "missing":
         message = f"key '{where}' is missing"
     else:
+        unit = f", in {told}" if (told := _unit_of(model, content, location)) else ""
         given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
         said = first["msg"].removeprefix("Value error, ")
-        message = f"'{where}': {said}{given}" if where else said
+        message = f"'{where}': {said}{unit}{given}" if where else said
     return message + (f" (and {len(others)} more)" if others else ""), line
 
 

@@ -9,6 +9,13 @@ from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 
+class Size(StrictModel):
+    """A value whose unit stands beside it."""
+
+    value: float = pydantic.Field(gt=0)
+    unit: Literal["mm", "m"]
+
+
 class Part(StrictModel):
     """A part."""
 
@@ -16,6 +23,8 @@ class Part(StrictModel):
     name: str = ""
     teeth: int = 0
     place_mm: tuple[float, float] | None = None
+    turn: float = pydantic.Field(default=0.0, description="rad")
+    size: Size | None = None
 
 
 class Machine(StrictModel):
@@ -60,6 +69,12 @@ def test_reads_what_is_right(written):
         ("base: {mass_kg: 1, teeth: '12'}\n", 1, r"valid integer \(it is '12'\)"),
         ("base: {mass_kg: 1, teeth: false}\n", 1, r"valid integer \(it is False\)"),
         ("base: {mass_kg: 1, teeth: 12.5}\n", 1, "integer"),
+        ("base: {mass: 1}\n", 1, r"'base.mass': it names no unit; write mass_kg \(and"),
+        ("base: {mass_kg: 1, place_in: [1, 1]}\n", 1, "'base.place_in': 'in' is no unit of it; write place_mm$"),
+        ("base: {mass_kg: 1, trun: 9}\n", 1, r"'base.trun'; did you mean 'turn' \(in rad\)"),
+        ("base: {mass_kg: 1, turn: 90 deg}\n", 1, r"'base.turn': .* valid number, in rad \(it is '90 deg'\)"),
+        ("base: {mass_kg: 1, size: {value: -3, unit: mm}}\n", 1, r"'base.size.value': .*, in mm \(it is -3\)"),
+        ("base: {mass_kg: 1, size: {value: 3, unit: s}}\n", 1, r"'base.size.unit': .*'mm' or 'm' \(it is 's'\)"),
         ("party:\n- 1\n", 1, "unknown key 'party'; did you mean 'parts'"),
         ("parts: 5\n", 1, "it is 5"),
         ("party: 1\nformat: ship/1\n", 2, r"'machine/1' \(it is 'ship/1'\) \(and 1 more\)"),

@@ -115,7 +115,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         ("layot: paper\n", "line 1: unknown key 'layot'; did you mean 'layout'"),
         (
             HEAD + "joint_placements:\n  leg1_s1:\n    translation: [0, 0, 0]\n",
-            "line 5: .*did you mean 'translation_mm'",
+            "line 5: .*names no unit; write translation_mm",
         ),
         (HEAD + "joint_placements:\n  leg1_s9: {}\n", "no joint 'leg1_s9'; did you mean 'leg1_s"),
         (HEAD + "joint_placements:\n  moving_platform_mount: {}\n", "displace the joints that place the chains' seats"),

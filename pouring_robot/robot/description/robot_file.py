@@ -15,6 +15,7 @@ DISTANCE = ("distance", "distance_from")
 MEASURED, AMBIENT = (*POSITION, *ROTATION, DISTANCE[0]), "ambient"
 TAKEN = frozenset({"sample", "session", "time", "payload", AMBIENT, *POSITION, *ROTATION, *DISTANCE})
 """What campaigns have columns of, whatever the robot."""
+_JOINT_UNIT = "m or rad"  # that of what describes a key is said where its value is wrong
 
 
 class DriveEntry(StrictModel):
@@ -25,7 +26,7 @@ class DriveEntry(StrictModel):
     ratio: float = 1.0  # by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down)
     # travel of a sliding joint for a whole turn of its motor; the command is then an angle
     mm_per_turn: float | None = None
-    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
+    zero: float = pydantic.Field(default=0.0, description=_JOINT_UNIT)  # value of the joint at a command of zero
 
     @pydantic.model_validator(mode="after")
     def _moves(self) -> Self:
@@ -71,8 +72,8 @@ class RobotFile(StrictModel):
     usual_moment_nm: float | None = pydantic.Field(default=None, gt=0.0)  # by default what the drives are made for
     payload_frame: str | None = None  # where a payload hangs
     travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure either
-    # joint values (m, rad) near which the robot closes; by default all zero
-    home: dict[str, float] = pydantic.Field(default_factory=dict)
+    # joint values near which the robot closes; by default all zero
+    home: dict[str, float] = pydantic.Field(default_factory=dict, description=_JOINT_UNIT)
 
     @pydantic.model_validator(mode="after")
     def _whole(self) -> Self:
