@@ -22,7 +22,7 @@ _NAMED = 8
 _ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
     "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
-    "Rotation.from_quat([x, y, z, w]).as_rotvec()); else all is well"
+    "Rotation.from_quat([x, y, z, w]).as_rotvec(), or from_euler('ZYX', [a, b, c], degrees=True)); else all is well"
 )
 _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled column it is one half
 

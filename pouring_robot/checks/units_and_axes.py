@@ -163,10 +163,16 @@ def _turn_mistakes() -> Iterator[Mistake]:
         yield _turned(code, message, functools.partial(np.multiply, sign), reversed_)
     for factor, wrong in ANGLE_MISTAKES:
         yield _turned(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
-    about = {"xyz": "roll, pitch and yaw about fixed x, y and z", "XYZ": "about moving x, y and z"}
+    about = {
+        "xyz": "roll, pitch and yaw about fixed x, y and z",
+        "XYZ": "about moving x, y and z",
+        "ZYX": "about moving z, y and x, as A, B and C of KUKA",
+        "ZYZ": "about moving z, y and z, as O, A and T of Kawasaki",
+    }
     for sequence, meaning in about.items():
-        for factor, unit in ((1.0, ""), (math.pi / 180.0, " in degrees")):
+        for factor, unit, option in ((1.0, "", ""), (math.pi / 180.0, " in degrees", ", degrees=True")):
             message = f"{words} be Euler angles{unit}: {meaning}"
+            message += f" (SciPy: Rotation.from_euler('{sequence}', angles{option}).as_rotvec())"
             yield _turned(FlagCode.EULER_ANGLES, message, functools.partial(_from_euler, sequence, factor))
 
 

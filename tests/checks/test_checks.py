@@ -120,6 +120,8 @@ DAMAGES = {
     "euler_angles": [
         euler("xyz"),
         euler("XYZ"),
+        euler("ZYX"),
+        euler("ZYZ"),
         lambda c: damaged(euler("xyz")(c), rotation_vector_rad=scaled([0, 1, 2], 1 / DEG)),
     ],
     "drive_reversed": [
@@ -245,6 +247,24 @@ def test_finds_the_planted_damage_and_nothing_else(request, drawing, measured, c
         assert all(0 <= row < len(broken) for row in flag.rows)
         assert all(np.isfinite(value) for value in flag.metrics.values())
         assert flag.figures(broken)["lines"] == [int(broken.lines[row]) for row in flag.rows]
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+@pytest.mark.parametrize("order", ["xyz", "XYZ", "ZYX", "ZYZ"])
+def test_euler_angles_are_told_with_what_converts_them(clean, drawing, order, degrees):
+    """They are made by products of single turns, and what the finding says is done with them."""
+    turns = Rotation.from_rotvec(np.array(clean.campaign.rotation_vector_rad))
+    angles = turns.as_euler(order)
+    product = np.eye(3)
+    for axis, angle in zip(order.lower(), angles[0], strict=True):
+        single = pin.exp3(angle * np.eye(3)["xyz".index(axis)])
+        product = product @ single if order.isupper() else single @ product
+    np.testing.assert_allclose(product, turns[0].as_matrix(), atol=1e-9)
+    read = np.degrees(angles) if degrees else angles
+    (flag,) = check_campaign(damaged(clean.campaign, rotation_vector_rad=read), drawing.kinematics)
+    option = ", degrees=True" if degrees else ""
+    assert flag.code == "euler_angles"
+    assert flag.message.endswith(f"(SciPy: Rotation.from_euler('{order}', angles{option}).as_rotvec())")
 
 
 def test_every_code_has_a_planted_damage():
