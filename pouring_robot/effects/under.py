@@ -40,6 +40,7 @@ from pouring_robot.exceptions import (
     NoSolutionError,
     TooLargeError,
     closest,
+    counted,
 )
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import first_fault
@@ -129,6 +130,12 @@ class RobotUnderConditions:
                 f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so nobody knows what "
                 "it does elsewhere; diagnose that campaign again"
             )
+
+    def __repr__(self) -> str:
+        model = self.robot.model
+        effects = counted(sum(not entry.placed for entry in model.effects), "effect")
+        under = ", ".join(self.given) or "no condition"
+        return f"<{type(self).__name__}: {' '.join(*model.named.items())}, {effects} under {under}>"
 
     def robots(self, drives: FloatArray) -> list[Robot]:
         """Return the robot as it stands at each command: drives (n, drives), in m and rad.

@@ -314,6 +314,7 @@ def test_beyond_what_was_learned_is_said(bench):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))
     under = RobotUnderConditions(robot_of(model), {"time_h": 1000.0})
+    assert repr(under) == "<RobotUnderConditions: layout paper, 1 effect under time>"
     under.robots(bench.campaign.drives[:1])
     (line,) = under.notes
     last = bench.campaign.time_s.max()
