@@ -106,15 +106,15 @@ class CalibrationFindings(Result):
         before, after = (vars(self.misfit(test, after=a)) for a in (False, True))
         floor, units = self.floor(test), [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
         unseen = self.noise.unseen(np.flatnonzero(np.isfinite(self.before[test]).any(axis=0)))
-        if not self.changed:
-            what, key = "Nothing to calibrate", f"rms_{units[0]}"
-            if self.inflation > 1.0:
-                what = "No geometry found that explains the error"
-            size, noise = f"{before[key]:.3f} {units[0]} RMS", f"{floor[key]:.3f} {units[0]}"
-            return f"{what}: held-out rows{unseen} are at {size}, noise {noise}."
-        first, *others = (f"{before[f'rms_{unit}']:.3f} to {after[f'rms_{unit}']:.3f} {unit}" for unit in units)
-        errors, noises = (f"{first} RMS", *others), (f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
-        return f"Held-out error{unseen} {' and '.join(errors)}; noise floor {' and '.join(noises)}."
+        noises = " and ".join(f"{floor[f'rms_{unit}']:.3f} {unit}" for unit in units)
+        # With nothing in the model there is no after.
+        left = {unit: f" to {after[f'rms_{unit}']:.3f}" if self.changed else "" for unit in units}
+        first, *others = (f"{before[f'rms_{unit}']:.3f}{left[unit]} {unit}" for unit in units)
+        errors = " and ".join((f"{first} RMS", *others))
+        if self.changed:
+            return f"Held-out error{unseen} {errors}; noise floor {noises}."
+        what = "No geometry found that explains the error" if self.inflation > 1.0 else "Nothing to calibrate"
+        return f"{what}: held-out rows{unseen} are at {errors}; noise {noises}."
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""

@@ -110,11 +110,11 @@ def _not_shown(calibration: CalibrationFindings) -> list[str]:
 def _shown_nowhere(calibration: CalibrationFindings) -> list[str]:
     names = calibration.base.names
     never = len(names) - calibration.rank_anywhere
-    seen = {"full poses": "full pose"}.get(calibration.campaign.seen, "position")
+    seen = calibration.campaign.seen.removesuffix("s")
     line = (
-        f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) move the {seen} of "
-        "the target nowhere in the workspace; no further measurement tells them and predicting the target needs "
-        "none of them; tolerances share the movement out among the names that are tied together"
+        f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) change no {seen} "
+        "anywhere in the workspace; no further measurement of it tells them and predicting it needs none of them; "
+        "tolerances share the movement out among the names that are tied together"
     )
     return [line] if never else []
 

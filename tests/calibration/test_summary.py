@@ -81,6 +81,7 @@ def test_notes_say_what_no_measurement_tells(found, unchanged):
     notes = notes_of(found)
     never = len(found.base.names) - found.base.rank
     assert any(f"rank deficient by nature: {never} of {len(found.base.names)} directions" in line for line in notes)
+    assert any("change no full pose" in line for line in notes)
     assert any("each by itself, held by their tolerances" in line for line in notes)
     assert calibration_metrics(found)["notes"] == notes
     assert notes_of(unchanged) == []
