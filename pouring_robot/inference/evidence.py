@@ -287,25 +287,30 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
     """Return the log evidence of a group of columns at each scale, (p, s), for several sets of weights, (p, k).
 
     In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
-    1 + s^2 T the pivots, from its end, give the determinant, and the first one the element that is asked for (Golub &
+    1 + s^2 T the pivots, from its end, give the determinant, and the last one the element that is asked for (Golub &
     Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
     """
-    count, variances = len(projected), np.exp(2.0 * LOG_SCALES)
-    diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
+    count, variances = len(projected), np.exp(2.0 * LOG_SCALES)[:, None]
+    diagonal, beside = np.empty((len(weights), 1, count)), np.empty((len(weights), 1, count))
     for k, own in enumerate(weights):
         bordered = np.zeros((count + 1, count + 1), order="F")
         bordered[1:, 0] = own * projected
         np.multiply(own[:, None] * columns, own, out=bordered[1:, 1:].T)  # as it lies in memory
-        _, whole, beside[:, k, 0], _, _ = scipy.linalg.lapack.dsytrd(
-            bordered, lower=1, lwork=_BLOCK * count, overwrite_a=1
-        )
-        diagonal[:, k, 0] = whole[1:]
-    pivots, squared = 1.0 + variances * diagonal, (variances * beside) ** 2
-    for k in range(count - 1, -1, -1):
-        if k < count - 1:
-            pivots[k] -= squared[k + 1] / pivots[k + 1]
-        np.maximum(pivots[k], 1.0, out=pivots[k])  # they are never less, but for rounding
-    return np.asarray(0.5 * (variances * beside[0] ** 2 / pivots[0] - np.log(pivots).sum(axis=0)))
+        _, whole, off, _, _ = scipy.linalg.lapack.dsytrd(bordered, lower=1, lwork=_BLOCK * count, overwrite_a=1)
+        diagonal[k, 0], beside[k, 0] = whole[:0:-1], off[::-1]
+    steps, squared = variances * beside, variances[:, 0] * beside[..., -1] ** 2
+    steps[..., -1] = 0.0  # nothing stands between what are one matrix here: all scales, and a last 1
+    pivots = _pivots(np.append(1.0 + variances * diagonal, 1.0), steps.ravel())[:-1].reshape(steps.shape)
+    return np.asarray(0.5 * (squared / pivots[..., -1] - np.log(pivots).sum(axis=2)))
+
+
+def _pivots(diagonal: FloatArray, beside: FloatArray) -> FloatArray:
+    """Return the pivots (k,) of a tridiagonal matrix that none but for rounding is below 1 of; both are overwritten."""
+    first = 0
+    while failed := scipy.linalg.lapack.dpttrf(diagonal[first:], beside[first:], overwrite_d=1, overwrite_e=1)[2]:
+        first += failed - 1
+        diagonal[first] = 1.0  # rounding has left nothing of this one: on from it
+    return np.maximum(diagonal, 1.0, out=diagonal)
 
 
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
