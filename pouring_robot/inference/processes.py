@@ -7,6 +7,7 @@ are written out. Nothing here knows the robot.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,18 +32,19 @@ class Channel:
     rows: scipy.sparse.csr_array
     turning: bool = False  # whether it counts in rad
 
-    @property
+    @functools.cached_property
     def shared(self) -> bool:
         """Whether there are equations of several rows."""
         return bool(self.rows.nnz > len(self.column))
 
+    @functools.cached_property
+    def _weighted(self) -> scipy.sparse.csr_array:
+        sums = self.rows
+        return scipy.sparse.csr_array((sums.data * self.column[sums.indices], sums.indices, sums.indptr), sums.shape)
+
     def against(self, values: FloatArray) -> FloatArray:
         """Return the inner products, row by row, with values (m, q): shape (n, q)."""
-        sums = self.rows
-        weighted = scipy.sparse.csr_array(
-            (sums.data * self.column[sums.indices], sums.indices, sums.indptr), sums.shape
-        )
-        return np.asarray(weighted @ values)
+        return np.asarray(self._weighted @ values)
 
 
 def variances_of(columns: FloatArray, covariance: FloatArray) -> FloatArray:
