@@ -63,7 +63,8 @@ class Discrepancy(SeenProcesses):
 
     def __init__(self, hypothesis: Hypothesis, every: Iterable[Sequence[Seen]]) -> None:
         super().__init__(hypothesis, every)
-        self._sums: dict[tuple[float, int], Together] = {}
+        # By what each of them must be worth: sums that were grown so far, and what grows the next.
+        self._sums: dict[float, tuple[list[Together], Iterator[Together]]] = {}
 
     def challenge(self, indices: Sequence[int]) -> Challenge:
         """Return the process that would explain best in the place of a cause, by indices of the items that make it.
@@ -144,20 +145,25 @@ class Discrepancy(SeenProcesses):
         return {found.name: found.evidence for found in self._refound(names).all(but=names)}
 
     def _chosen(self, least_evidence: float, most: int) -> Together:
-        if (least_evidence, most) not in self._sums:
-            self._sums[least_evidence, most] = self._greedy(least_evidence, most)
-        return self._sums[least_evidence, most]
-
-    def _greedy(self, least_evidence: float, most: int) -> Together:
-        chosen, tried = Together(self), {one.name: one for one in self.alone}
-        while len(chosen.found) < most:
-            best = _best(tried, chosen, least_evidence)
-            if best is None:
+        if least_evidence not in self._sums:
+            self._sums[least_evidence] = [], self._growing(least_evidence)
+        known, more = self._sums[least_evidence]
+        while not known or len(known[-1].found) < most:
+            one = next(more, None)
+            if one is None:
                 break
+            known.append(one)
+        return next((one for one in known if len(one.found) >= most), known[-1])
+
+    def _growing(self, least_evidence: float) -> Iterator[Together]:
+        """Yield sums of more and more processes, from none on."""
+        chosen, tried = Together(self), {one.name: one for one in self.alone}
+        yield chosen
+        while best := _best(tried, chosen, least_evidence):
             chosen = _settled(Together(self, [*chosen.found, best]), least_evidence)
+            yield chosen
             if best.name not in chosen.names:
                 break
-        return chosen
 
     def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
         """Return the conditions that would explain as much, but for some nats, in the place of a summand, best first.
