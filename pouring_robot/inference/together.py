@@ -123,9 +123,10 @@ class Found:
     @property
     def squared(self) -> float:
         """Squared length of what it explains, in noise variances."""
-        scaled = self.amplitude**2 * self.inner
-        mean = scipy.linalg.solve(scaled + np.eye(len(scaled)), self.amplitude * self.projected, assume_a="pos")
-        return max(float(mean @ scaled @ mean), 0.0)
+        scaled, pulled = self.amplitude**2 * self.inner, self.amplitude * self.projected
+        scaled.flat[:: len(scaled) + 1] += 1.0
+        mean = scipy.linalg.lapack.dposv(scaled, pulled, lower=1)[1]
+        return max(float(mean @ (pulled - mean)), 0.0)
 
 
 class SeenProcesses:
