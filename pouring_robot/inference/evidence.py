@@ -139,16 +139,10 @@ class Beside:
         """Log density of the residual, in nats, up to a constant of the number of rows."""
         return -0.5 * (self.squared + self.log_determinant)
 
-    def of(self, places: Indices) -> tuple[FloatArray, FloatArray]:
-        """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
-        count = len(self.places)
-        inner = self._products.inner(places, np.concatenate([self.places, places]))
-        return self.outside(inner[:, :count].T, inner[:, count:], self._products.projected[places])
-
     def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the same of columns that are not among the products.
+        """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,).
 
-        From their inner products with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
+        From those before the groups: with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
         taken = self.taken(shared)
         return inner - taken.T @ taken, projected - taken.T @ self.pulled
@@ -176,7 +170,7 @@ class Beside:
         return self._products.projected - self._seen @ self.pulled
 
     def inner(self, some: Indices, others: Indices) -> FloatArray:
-        """Return the inner products of some columns (a,) with others (b,), shape (a, b), where many are asked for."""
+        """Return the inner products of some columns (a,) with others (b,), shape (a, b)."""
         return np.asarray(self._products.inner(some, others) - self._seen[some] @ self._seen[others].T)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:

@@ -135,13 +135,30 @@ class Hypothesis:
         """What is to be seen beside everything fitted."""
         return Beside.groups(self.problem.gram, self._groups)
 
-    @functools.cached_property
-    def _beside_items(self) -> Beside:
-        """:attr:`everything`, faster: workmanship is factored once for all hypotheses with as much of it."""
+    @property
+    def _beside_workmanship(self) -> Beside:
+        """What is to be seen beside workmanship: factored once for all hypotheses with as much of it."""
         known = self.problem.worked_out
         if ("workmanship", self.levels) not in known:
             known["workmanship", self.levels] = Beside.groups(self.problem.gram, self.workmanship())
-        return Beside.groups(known["workmanship", self.levels], self._item_groups)
+        found: Beside = known["workmanship", self.levels]
+        return found
+
+    def _inner(self, one: Explanation, other: Explanation) -> FloatArray:
+        """Return the inner products of the columns of two explanations beside workmanship: asked for again and again.
+
+        Of a pair (k, l), as both may be tried beside many others.
+        """
+        known, pair = self.problem.worked_out, (self.levels, one.key, other.key)
+        if pair not in known:
+            known[pair] = self._beside_workmanship.inner(self.problem.places(one), self.problem.places(other))
+        found: FloatArray = known[pair]
+        return found
+
+    @functools.cached_property
+    def _beside_items(self) -> Beside:
+        """:attr:`everything`, faster."""
+        return Beside.groups(self._beside_workmanship, self._item_groups)
 
     @functools.cached_property
     def log_evidence(self) -> float:
@@ -187,8 +204,10 @@ class Hypothesis:
 
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
-        inner, projected = self._beside_items.of(self.problem.places(item))
-        return inner, projected, item.main, self.problem.shaping_units[item.key]
+        shared = [np.zeros((0, len(item.main))), *(self._inner(other, item) for other in self.items)]
+        projected = self._beside_workmanship.projected[self.problem.places(item)]
+        seen = self._beside_items.outside(np.vstack(shared), self._inner(item, item), projected)
+        return *seen, item.main, self.problem.shaping_units[item.key]
 
     @functools.cached_property
     def _known(self) -> dict[Hashable, Any]:

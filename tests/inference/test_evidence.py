@@ -32,7 +32,7 @@ def ratio(residual, columns, others, scale):
 def factor(columns, residual, groups=()):
     """Return what a group of columns is worth beside others of unit coefficients."""
     seen, places = beside(groups, columns, residual)
-    return bayes_factor(*seen.of(places))
+    return bayes_factor(seen.inner(places, places), seen.projected[places])
 
 
 @pytest.mark.parametrize("unit", [1.0, 7.0])
@@ -54,13 +54,11 @@ def test_inner_products_are_those_of_the_inverse(rng):
     covariance = np.eye(9) + sum(g @ g.T for g in groups)
     inverse = np.linalg.inv(covariance)
     seen, places = beside(groups, columns, residual)
-    inner, projected = seen.of(places)
+    inner, projected = seen.inner(places, places), seen.projected[places]
     np.testing.assert_allclose(inner, columns.T @ inverse @ columns, atol=1e-12)
     np.testing.assert_allclose(projected, columns.T @ inverse @ residual, atol=1e-12)
     assert seen.squared == pytest.approx(residual @ inverse @ residual, rel=1e-12)
     assert seen.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-12)
-    np.testing.assert_allclose(seen.inner(places, places), inner, atol=1e-12)
-    np.testing.assert_allclose(seen.projected[places], projected, atol=1e-12)
     stacked = np.hstack(groups)
     outside = seen.outside(stacked.T @ columns, columns.T @ columns, columns.T @ residual)
     np.testing.assert_allclose(outside[0], inner, atol=1e-12)
@@ -74,8 +72,8 @@ def test_one_after_the_other_is_both_at_once(rng):
     first = Beside(gram, np.arange(4), weights[:4])
     both, after = Beside(gram, np.arange(6), weights), Beside(first, np.arange(4, 6), weights[4:])
     rest = np.arange(6, 9)
-    for one, other in zip(both.of(rest), after.of(rest), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
+    np.testing.assert_allclose(both.inner(rest, rest), after.inner(rest, rest), atol=1e-12)
+    np.testing.assert_allclose(both.projected[rest], after.projected[rest], atol=1e-12)
     assert both.log_likelihood == pytest.approx(after.log_likelihood, rel=1e-12)
 
 
@@ -94,7 +92,7 @@ def test_means_without_some_follow_from_all_together(rng, own):
 def test_without_groups_nothing_is_weighed(rng):
     values, residual = rng.normal(size=(7, 2)), rng.normal(size=7)
     seen, places = beside([], values, residual)
-    np.testing.assert_array_equal(seen.of(places)[0], values.T @ values)
+    np.testing.assert_array_equal(seen.inner(places, places), values.T @ values)
     assert seen.log_determinant == 0.0
 
 
@@ -313,7 +311,8 @@ def test_a_column_of_which_only_round_off_is_left_explains_nothing(rng, size, ot
     columns, residual = size * rng.normal(size=(400, others)), 1e3 * rng.normal(size=400)
     double = np.hstack([columns, columns[:, :1]])
     beside = Beside(Gram.of([double], residual), np.arange(others), np.full(others, 1e9 / size))
-    left = bayes_factor(*beside.of(np.array([others])))
+    last = np.array([others])
+    left = bayes_factor(beside.inner(last, last), beside.projected[last])
     assert left.evidence == pytest.approx(0.0, abs=1e-3)
     # Twice the same column is one, larger by the root of two; the axis that is left is round-off.
     inner, projected = double.T @ double, double.T @ residual

@@ -113,7 +113,8 @@ def _hidden(best: Hypothesis, prospect: Prospect, idle: Collection[str]) -> list
     for item in prospect.problem.explanations:
         if not item.cause or item.effect in seen or item.effect in idle:
             continue  # the usual form of an effect comes first
-        inner, _ = best.everything.of(best.problem.places(item))
+        places = best.problem.places(item)
+        inner = best.everything.inner(places, places)
         worth = 0.5 * float(np.linalg.slogdet(np.eye(len(inner)) + inner)[1])
         seen[item.effect] = (worth, item)
     least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
