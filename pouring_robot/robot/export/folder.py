@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 import pinocchio as pin
 import trimesh
 from lxml import etree
+from lxml.builder import E
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
@@ -91,11 +92,7 @@ def _absolute(urdf: bytes, folder: Path) -> bytes:
 
 
 def _model_config(name: str) -> str:
-    root = etree.Element("model")
-    for tag, value in (("name", name), ("version", "1.0"), ("sdf", f"{name}.sdf")):
-        etree.SubElement(root, tag).text = value
-    root.find("sdf").set("version", VERSION)
-    return xml_text(root, indented=True)
+    return xml_text(E.model(E.name(name), E.version("1.0"), E.sdf(f"{name}.sdf", version=VERSION)), indented=True)
 
 
 def joined_or_touching(closed: ClosedRobot, assembly: Assembly) -> dict[tuple[str, str], str]:
@@ -141,14 +138,12 @@ def _with_what_is_here(urdf: str) -> str:
 
 def srdf(assembly: Assembly, pairs: dict[tuple[str, str], str]) -> str:
     """Return the SRDF of a robot: its drives as a group, what moves passively, and pairs that need no checking."""
-    root = etree.Element("robot", name=assembly.name)
-    group = etree.SubElement(root, "group", name="drives")
-    for name in assembly.loops.drives:
-        etree.SubElement(group, "joint", name=name)
     held = {*assembly.loops.drives, *assembly.loops.locked_joints}
-    for joint in assembly.joints.values():
-        if joint.kind != "fixed" and joint.name not in held:
-            etree.SubElement(root, "passive_joint", name=joint.name)
-    for (one, other), reason in pairs.items():
-        etree.SubElement(root, "disable_collisions", link1=one, link2=other, reason=reason)
+    passive = (joint for joint in assembly.joints.values() if joint.kind != "fixed" and joint.name not in held)
+    root = E.robot(
+        E.group(*(E.joint(name=name) for name in assembly.loops.drives), name="drives"),
+        *(E.passive_joint(name=joint.name) for joint in passive),
+        *(E.disable_collisions(link1=one, link2=two, reason=reason) for (one, two), reason in pairs.items()),
+        name=assembly.name,
+    )
     return xml_text(root, indented=True)
