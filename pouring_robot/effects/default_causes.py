@@ -19,6 +19,8 @@ HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
 those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
 _USUAL_MOMENT_NM = 100.0
+_ZERO_MRAD = 10.0
+"""Usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree."""
 """Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
@@ -46,7 +48,9 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     groups = robot.groups
     slides = {name: drives for name, drives in groups.items() if drives[0].unit == "m"}
     turns = {name: drives for name, drives in groups.items() if drives[0].unit == "rad"}
-    yield from _each(groups, "drive_zero_offset", "zero", "the zeros of the drives are set wrong")
+    story = "the zeros of the drives are set wrong"
+    for entry, name in zip(_each(groups, "drive_zero_offset", "zero", story), groups, strict=True):
+        yield replace(entry, options={**entry.options, "size": _ZERO_MRAD if name in turns else 1.0})
     story = "the drives go further or less far than the controller believes, in proportion or with a build-up"
     yield from _each(slides, "drive_scale", "scale", story, _LEAD)
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -131,6 +131,17 @@ def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis
             if item.effect not in seen:
                 seen.add(item.effect)
                 yield base.with_item(item, worth.scale)
+
+
+def nth_single(problem: Problem, number: int, but: Collection[str]) -> Hypothesis:
+    """Return one effect alone in its best form, of all but some, best first sight first; nothing beyond the last."""
+    nothing, seen = Hypothesis.nothing(problem), {*but}
+    for worth, item in nothing.ranked(nothing.choices):
+        if item.effect not in seen:
+            if len(seen) == len(but) + number:
+                return nothing.with_item(item, worth.scale).settled()
+            seen.add(item.effect)
+    return nothing
 
 
 def reconsidered(hypothesis: Hypothesis) -> Hypothesis:

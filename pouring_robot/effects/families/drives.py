@@ -30,17 +30,18 @@ class Zero(Family):
     """Constant error of drives."""
 
     driven_by: str = "position_m"  # condition that must vary so that it shows
+    size: float = 1.0  # usual one, in mm or mrad
     _HOMING = 0.02
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All drives, or one alone; each session's homing may scatter by a fiftieth."""
         sessions = len(conditions.session_shares)
         homing = [
-            of_drive(d, f"homing_session_{s + 1}", self._HOMING, conditions.in_session(s), main=False)
+            of_drive(d, f"homing_session_{s + 1}", self._HOMING * self.size, conditions.in_session(s), main=False)
             for d in self.drives
             for s in range(sessions if sessions > 1 else 0)
         ]
-        offsets = of_each(conditions, self.drives, "offset", 1.0, np.ones(conditions.drives.shape))
+        offsets = of_each(conditions, self.drives, "offset", self.size, np.ones(conditions.drives.shape))
         forms = [Form("all", tuple(offsets))]
         if len(offsets) > 1:
             forms += [Form(f"{d.symbol}_alone", (offset,)) for d, offset in zip(self.drives, offsets, strict=True)]
