@@ -11,7 +11,7 @@ from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode,
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import some
-from pouring_robot.io.quantities import UNITS
+from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
