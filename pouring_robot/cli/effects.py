@@ -21,7 +21,8 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
         return options.print_json({"effects": found})
     for item in found:
         options.say(f"{item['effect']}: {item['story']}", style="bold")
-        options.print_indented(f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
+        instead = f", or {item['instead']}" if item["instead"] else ""
+        options.print_indented(f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}{instead}")
         # Values of one constant stand on one line.
         for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):
             form, *others = alike
@@ -49,6 +50,7 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
             "effect": effect.id,
             "story": effect.story,
             "needs": list(sources((*effect.needs, *effect.missing(bare)), model.definition)),
+            "instead": effect.instead,
             "forms": [
                 {
                     "form": form.name,

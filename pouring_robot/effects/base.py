@@ -70,6 +70,7 @@ class Effect(ABC):
     robots: tuple[str, ...] = ()
     # conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have
     needs: tuple[str, ...] = ()
+    instead: str = ""  # what does as well as what is :meth:`missing`, in words
     # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
     moves_robot: bool = True  # whether it moves the robot, not only what is seen of it

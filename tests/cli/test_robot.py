@@ -196,7 +196,7 @@ def test_effects_are_those_of_the_robot(run):
     assert "joint_periodic" in out
     assert "truss_deflection" not in out
     needs = {line.partition(":")[0]: after for line, after in itertools.pairwise(out.splitlines())}
-    assert needs["link_thermal_expansion"] == "  needs: ambient_degC"
+    assert needs["link_thermal_expansion"] == "  needs: ambient_degC, or <link>_degC of any link"
     assert needs["session_offset"] == "  needs: session"
     yielding = {line for effect, line in needs.items() if effect in ("drive_compliance", "joint_compliance")}
     assert yielding == {"  needs: inertias of the links in the URDF"}

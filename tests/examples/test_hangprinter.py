@@ -47,6 +47,11 @@ def test_the_command_prints_what_its_page_shows(told):
     assert_shown(shown, printed)
 
 
+def test_a_report_without_a_tracker_speaks_of_none(told):
+    page = (told[2] / "report.html").read_text(encoding="utf-8")
+    assert "The gap of each component, before and after (RMS, logarithmic)" in page and "'s axes" not in page
+
+
 def test_anchors_and_build_up_are_named_and_stretch_is_not(found):
     assert (found.verdict, found.misfit) == ("named", "")
     assert [effect.cause.effect for effect in found.effects] == ["joint_placement", "drive_scale"]

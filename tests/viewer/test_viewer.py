@@ -457,6 +457,23 @@ def test_a_number_that_is_being_typed_is_not_zero(tmp_path):
 
 
 @needs_browser
+def test_figures_of_an_earlier_command_say_so(tmp_path):
+    """Of a command that is refused there are none."""
+    probe = """
+      const told = () => getComputedStyle($("caption"), "::before").content;
+      const bring = answer => socket.onmessage({ data: JSON.stringify(answer) });
+      const hear = answer => { bring(answer); return [told(), notice.textContent]; };
+      const heard = [hear({ refused: "out of reach" }), hear({ values: {}, film, notice: "there" })];
+      const made = document.createElement("pre"); made.id = "probe"; made.textContent = JSON.stringify(heard);
+      document.body.append(made);"""
+    page = page_module.page(small_scene(tmp_path), live=True, bench=_Doubling().sliders())
+    _, dom = _browsed(re.sub(r"new WebSocket\(.*?\)", "{}", page), tmp_path, probe)
+    (refused, why), (answered, there) = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert (refused, why) == ('"of the last command that was not refused"', "out of reach")
+    assert (answered, there) == ("none", "there")
+
+
+@needs_browser
 def test_a_browser_puts_bodies_where_the_solver_has_them(tmp_path):
     scene = film(tmp_path)
     page = write_html(scene, tmp_path / "film.html").read_text()

@@ -34,10 +34,11 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     words = diagnosis.rows.conditions.causes.words
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
-    over = f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})"
+    told = diagnosis.rows.measured.known[:, :6].any()  # else there are no axes
+    axes, own = (f"{whose}'s axes; " if told else "" for whose in ("tracker", words.base))
     drawn = [
-        ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
-        (over, _residuals(diagnosis)),
+        (f"The gap of each component, before and after (RMS, {axes}logarithmic)", _gap(diagnosis)),
+        (f"Residuals over conditions, before and after ({own}held-out rows ringed{some})", _residuals(diagnosis)),
     ]
     if diagnosis.firm:
         drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))

@@ -185,7 +185,7 @@ class LinkGrowth(Family):
 class LinksGrowth(Family):
     """All links and sliding drives grow, by any thermometer there is."""
 
-    driven_by = "ambient_rise_k"
+    driven_by, instead = "ambient_rise_k", "<link>_degC of any link"
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Any thermometer will do."""

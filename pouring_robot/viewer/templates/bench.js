@@ -47,6 +47,7 @@ socket.onmessage = message => {
   const answer = JSON.parse(message.data), took = Math.round(performance.now() - asked);
   asked = 0;
   notice.textContent = answer.refused || answer.notice || `answered in ${took} ms`;
+  $("caption").dataset.of = answer.refused ? "of the last command that was not refused" : "";
   if (!answer.refused) {
     for (const [id, value] of Object.entries(answer.values)) {
       if (inputs.get(id).group !== commanded) { inputs.get(id).set(value); }  // the hand on a slider keeps it
