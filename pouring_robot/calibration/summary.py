@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import CalibrationFindings, combination_lines, group_effects, parameter_lines
-from pouring_robot.calibration.intervals import LEARNT, Movement
+from pouring_robot.calibration.findings import (
+    LEARNT,
+    CalibrationFindings,
+    Movement,
+    combination_lines,
+    group_effects,
+    parameter_lines,
+)
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
@@ -32,7 +38,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     found = [flag.message for flag in calibration.flags if flag.code is FlagCode.ANOTHER_ROBOT]
     if calibration.refused:
-        moved = _moved(calibration.refused.before, calibration.refused.after)
+        moved = _moved(calibration, calibration.refused.before, calibration.refused.after)
         found.append(
             f"rows held out refuse what was found ({', '.join(calibration.refused.groups)}): {moved}; it is not in the "
             "model, which is unchanged: what is off is not, or not only, geometry"
@@ -110,13 +116,15 @@ def _not_shown(calibration: CalibrationFindings) -> list[str]:
 def _shown_nowhere(calibration: CalibrationFindings) -> list[str]:
     names = calibration.base.names
     never = len(names) - calibration.rank_anywhere
-    seen = calibration.campaign.seen.removesuffix("s")
-    line = (
-        f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) change no {seen} "
-        "anywhere in the workspace; no further measurement of it tells them and predicting it needs none of them; "
-        "tolerances share the movement out among the names that are tied together"
-    )
-    return [line] if never else []
+    if not never:
+        return []
+    seen, some = calibration.campaign.seen, f"{never} of {len(names)} directions (outer frames included) move"
+    shared = "tolerances share the movement out among the names that are tied together"
+    if seen in ("distances", "closures"):  # nobody has asked which others would show them
+        return [f"rank deficient: {some} none of the {seen} measured; {shared}"]
+    nowhere = f"the {seen.removesuffix('s')} of the target nowhere in the workspace"
+    more = "no further measurement tells them and predicting the target needs none of them"
+    return [f"rank deficient by nature: {some} {nowhere}; {more}; {shared}"]
 
 
 def _cold(calibration: CalibrationFindings) -> list[str]:
@@ -129,7 +137,7 @@ def _cold(calibration: CalibrationFindings) -> list[str]:
 
 def _worse(calibration: CalibrationFindings) -> list[str]:
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    worse = _moved(before, after, WORSE)
+    worse = _moved(calibration, before, after, WORSE)
     return [f"worse on held-out rows: {worse}; do not use this model"] if worse else []
 
 
@@ -144,15 +152,15 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
     return math.sqrt(squared / learnt) if surprising else 1.0
 
 
-def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
+def _moved(calibration: CalibrationFindings, before: Misfit, after: Misfit, least: float = 0.0) -> str:
     """Return the parts whose error after is more than so many times that before, in words."""
+    lines = "distance" if calibration.campaign.distance_m is not None else "closure"
     parts = [
-        ("position", "mm", before.rms_mm, after.rms_mm),
         ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
-        ("distance or closure", "mm", before.line_rms_mm, after.line_rms_mm),
+        (lines, "mm", before.line_rms_mm, after.line_rms_mm),
     ]
-    if not np.isfinite(before.axis_rms_mm).any():
-        del parts[0]  # what stands there is of the distances or closures
+    if np.isfinite(before.axis_rms_mm).any():  # else they are of lines
+        parts.insert(0, ("position", "mm", before.rms_mm, after.rms_mm))
     return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 

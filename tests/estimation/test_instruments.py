@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import engine_for
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
+from pouring_robot.calibration.summary import notes_of, warnings_of
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
@@ -148,6 +149,10 @@ def test_groups_are_chosen_by_distances_from_one_row():
     found = calibrate(campaign, robot, CalibrationOptions(("drives",)))
     line = found.to_frame().set_index("parameter").loc["drive.elbow_joint"]
     assert line["std"] < 0.1 and abs(line["value"] - 2.0) < 4.0 * line["std"]
+    # They are called what they are.
+    worse = dataclasses.replace(found, before=found.after, after=found.before)
+    assert any(line.startswith("worse on held-out rows: distance ") for line in warnings_of(worse))
+    assert any("move none of the distances measured" in line for line in notes_of(found))
 
 
 @pytest.mark.parametrize("seen", ["one coordinate a row", "height only", "distance"])
