@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.batch.structure import Structure
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import Effect, EffectParameter, Family, not_for
 from pouring_robot.effects.conditions import (
@@ -186,8 +187,8 @@ def stack_of(
                 raise MissingConditionsError(entry.effect, thermometers) from problem
             raise model.fault(str(problem)) from problem
         for name, parameter in entry.parameters.items():
-            if name not in form and lost:
-                raise MissingConditionsError(entry.effect, lost)
+            if name not in form and (unheard := _sides_of(name, effect, entry, rows, campaign) or lost):
+                raise MissingConditionsError(entry.effect, unheard)
             if name not in form:
                 said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
                 raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
@@ -214,6 +215,14 @@ def _lacking(
         return MissingConditionsError(entry.effect, headings, instead)
     said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
     return model.fault(f"{said} what it does elsewhere; take it out")
+
+
+def _sides_of(parameter: str, effect: Effect, entry: EffectEntry, rows: Conditions, campaign: Campaign) -> list[str]:
+    """Return the headings of sides of approach that nobody told, if with them a form would have a parameter."""
+    every = replace(rows, approach=np.ones(rows.drives.shape))
+    if parameter not in {p.name for p in effect.form(entry.form, every).parameters}:
+        return []
+    return [name for name in approach_names(campaign.robot) if campaign.command(name) is None]
 
 
 def changes_by_stack(

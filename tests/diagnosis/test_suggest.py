@@ -58,7 +58,9 @@ def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
     one = SuggestedMeasurement(robot.model.definition, pose, drives, {"approach_q1": 1.0}, 2.0, 1, names, 3.0)
     (tmp_path / "next.csv").write_text(Suggestion((one,), (), 3.0).plan_text(), encoding="utf-8")
     np.testing.assert_allclose(read_plan(tmp_path / "next.csv", robot).drives, [drives], rtol=0, atol=1e-8)
-    assert one.words.startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ")
+    assert one.words.startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ") and one.words.endswith(", approached q1 +")
+    sides = {f"approach_{drive.column}": side for drive, side in zip(one.robot.drives, (1.0, -1.0, 1.0), strict=True)}
+    assert dataclasses.replace(one, conditions=sides).words.endswith(", approached +-+")
 
 
 def test_worth_between_two_means_is_half_the_squared_distance():

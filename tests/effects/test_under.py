@@ -207,6 +207,9 @@ def test_sides_of_approach_follow_from_the_order(bench):
     assert partly == offsets[0]
     with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q2"):
         robots_under(model, poses[:1], {"payload_kg": 200.0})
+    others = {"payload_kg": 200.0, "approach_q2": 1.0, "approach_q4": 1.0}  # of one pose no order tells the others
+    with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q3: "):
+        robots_under(model, poses[:1], others)
 
 
 LACKING = {

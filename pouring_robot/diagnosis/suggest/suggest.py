@@ -90,8 +90,13 @@ class SuggestedMeasurement:
         turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
         at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
         said = [f"{self._drive_words}, at {at}" if self.in_drives else f"{at}, {turn}"]
-        sides = [given[name] for name in approach_names(robot) if name in given]
-        said += [f"approached {''.join('+' if side > 0 else '-' for side in sides)}"] if sides else []
+        names = approach_names(robot)
+        sides = {name: "+" if given[name] > 0 else "-" for name in names if name in given}
+        if len(sides) == len(names):
+            said.append(f"approached {''.join(sides.values())}")
+        elif sides:  # which drives they are of is not told by their order
+            each = (f"{name.removeprefix('approach_')} {side}" for name, side in sides.items())
+            said.append(f"approached {', '.join(each)}")
         told = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
         for kind in causes_of(robot).thermometers:
             if kind.hot_rise_k:
