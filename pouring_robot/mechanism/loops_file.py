@@ -5,7 +5,9 @@ our own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepe
 (keys ``closed_loop``, ``type``, ``name_mot``).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, Self
 
 import pydantic
@@ -154,10 +156,14 @@ def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
     }
 
 
-def load_loops(path: Path | str) -> LoopsFile:
-    """Read a loops file of either dialect; raises DescriptionError where it is missing or a key in it is wrong."""
+def load_loops(path: Path | str, said: Mapping[str, Any] = MappingProxyType({})) -> LoopsFile:
+    """Read a loops file of either dialect; raises DescriptionError where it is missing or a key in it is wrong.
+
+    What is ``said`` elsewhere counts in place of its keys, which it then need not have.
+    """
     path = Path(path)
-    content = read_yaml(path)
+    content = read_yaml(path).copy()  # with the numbers of its lines
     if "closed_loop" in content:
-        return validate(LoopsFile, CommentedMap(_from_gepetto(content, path)), path)
+        content = CommentedMap(_from_gepetto(content, path))
+    content.update(said)
     return validate(LoopsFile, content, path)

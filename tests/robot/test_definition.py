@@ -10,6 +10,7 @@ import pytest
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
+from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops_file import load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -253,6 +254,20 @@ def test_the_pouring_robot_is_a_robot_file_too():
     assert list(first.names) == list(second.names)
     for one, other in zip(first.jointPlacements, second.jointPlacements, strict=True):
         np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=1e-15)
+
+
+def test_a_loops_file_need_not_say_what_the_robot_file_says(tmp_path):
+    """Its drives above all, which every robot file says."""
+    shipped = ROBOTS / "delta" / "robot.yaml"
+    said = {key: value for key, value in read_yaml(shipped).items() if key not in ("loops", "xacro")}
+    loops = {"loops": read_yaml(shipped)["loops"], "base_frame": "nowhere"}
+    (tmp_path / "loops.yaml").write_text(yaml_text(loops), encoding="utf-8")
+    (tmp_path / "delta.urdf").write_text(RobotDefinition.load(shipped).urdf(), encoding="utf-8")
+    text = yaml_text(said | {"urdf": "delta.urdf", "loops": "loops.yaml"})
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    apart = RobotDefinition.load(tmp_path / "robot.yaml")
+    whole = RobotDefinition.load(shipped)
+    assert apart.loops.model_copy(update={"mechanism": whole.name}) == whole.loops
 
 
 def test_a_model_names_its_robot_relative_to_itself(arm):

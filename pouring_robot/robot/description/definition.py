@@ -181,7 +181,7 @@ class RobotDefinition:
         said: dict[str, Any] = {key: value for key in shared if (value := getattr(file, key))}
         said["drives"] = tuple(entry.joint for entry in file.drives)
         if isinstance(file.loops, str):
-            return load_loops(self.path.parent / file.loops).model_copy(update=said)
+            return load_loops(self.path.parent / file.loops, said)
         return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
 
     def _check_travels(self, travels: Iterable[str], above: Mapping[str, Collection[str]]) -> None:
