@@ -52,6 +52,7 @@ _LEAST_USED = 0.1  # share of a drive's range; angles that move by less in anoth
 _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
 _TIMES_BETTER = 3.0
+_OF_THE_DEVICE = (FlagCode.MIRRORED_AXES, FlagCode.FRAMES_SWAPPED)
 _TELLING_ROWS = 20  # of a session: with fewer its own frames, twelve unknowns, explain too much
 
 
@@ -339,8 +340,11 @@ def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
     """Return the mistake that leaves the least misfit, with its equals; None: there is none."""
     if not left:
         return None
-    (least, best), *others = sorted(left, key=lambda one: one[0])
-    equals = (mistake.message for misfit, mistake in others if misfit < _EQUAL * least)
+    equal = _EQUAL * min(misfit for misfit, _ in left)
+    # Of equals the device's come last: a slide that is counted from its other end is more usual.
+    in_order = sorted(left, key=lambda one: (one[0] > equal, one[1].code in _OF_THE_DEVICE, one[0]))
+    (_, best), *others = in_order
+    equals = (mistake.message for misfit, mistake in others if misfit < equal)
     return dataclasses.replace(best, equals=tuple(equals))
 
 

@@ -267,6 +267,16 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     for k, drive in enumerate(drives):
         signs = np.where(places == k, -1.0, 1.0)
         yield mistake(FlagCode.DRIVE_REVERSED, reversed_words(campaign, drive.column), np.diag(signs))
+    limits = drawing.mechanism.joint_limits()
+    for k, drive in enumerate(drives):
+        ends = sum(limits.get(drive.joint, (math.nan,)))
+        if drive.unit == "m" and abs(ends) > 0.0:
+            signs = np.where(places == k, -1.0, 1.0)
+            message = (
+                f"column {headings[k]} seems to be counted from the other end of the slide "
+                f"(a negative ratio, zero: {ends - drive.zero:.6g})"
+            )
+            yield mistake(FlagCode.DRIVE_REVERSED, message, np.diag(signs), ends * (places == k))
     # Turning drives may count from another zero: controllers, and tables of links, differ by quarter turns.
     turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
     for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):

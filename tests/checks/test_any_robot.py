@@ -250,6 +250,24 @@ def test_an_encoder_that_wraps_is_told(machine):
     assert "stands whole turns beyond the limits of the joint" in flag.message
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_slide_that_is_counted_from_its_other_end_is_told_so(gantry, turned):
+    """Of a gantry each of its slides makes the same mirror image, and so do the device's axes, which are said last."""
+    limits, drives = gantry.drawing.mechanism.joint_limits(), gantry.campaign.robot.drives
+    low, high = limits[drives[1].joint]
+    counted = damaged(gantry.campaign, drives=lambda v: np.column_stack([v[:, 0], low + high - v[:, 1], v[:, 2]]))
+    counted = counted if turned else dataclasses.replace(counted, rotation_vector_rad=None)
+    (flag,) = check_campaign(counted, gantry.drawing)
+    assert flag.code is FlagCode.DRIVE_REVERSED
+    for drive in drives:
+        zero = sum(limits[drive.joint])
+        told = (
+            f"'{counted.heading(drive.column)}' seems to be counted from the other end of the slide (a negative ratio"
+        )
+        assert f"{told}, zero: {zero:g})" in flag.message
+    assert flag.message.index("left-handed") > flag.message.rindex("slide (")
+
+
 def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
     """Of three slides at right angles any exchange or sign is a change of frames; where they can go tells."""
     exchanged = damaged(gantry.campaign, drives=gantry.campaign.drives[:, [1, 0, 2]])
