@@ -19,8 +19,10 @@ from pouring_robot.exceptions import TableError, closest
 CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
+_COMMENT = "; a line that begins with # is no comment here: delete it, or the # where it stands before headings"
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
+_DATE = re.compile(r"\d{1,4}([-/.:])\d{1,2}\1\d{1,4}.*")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 LARGEST = 1e9
 """No quantity comes near this, in any of its units; what does is a broken number."""
@@ -90,7 +92,8 @@ class Table:
             TableError: a cell is no such number.
         """
         values = np.empty(len(self))
-        largest = LATEST if self.headings[index].startswith("time_") else LARGEST
+        timed = self.headings[index].startswith("time_")
+        largest = LATEST if timed else LARGEST
         for row, cell in enumerate(self.cells(index)):
             try:
                 values[row] = _number(cell)
@@ -99,7 +102,11 @@ class Table:
             except (ValueError, OverflowError) as error:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
                 wrong = _UNUSABLE if sparse else "is not a finite number"
-                wrong = "is no number: its decimal mark must be a point" if _DECIMAL_COMMA.fullmatch(shown) else wrong
+                if _DECIMAL_COMMA.fullmatch(shown):
+                    wrong = "is no number: its decimal mark must be a point"
+                elif timed and _DATE.fullmatch(shown):
+                    wrong = "is a date or a time of day; write the time since the first row (in s: "
+                    wrong += "t = pandas.to_datetime(t); (t - t[0]).dt.total_seconds())"
                 said = empty if empty and not shown else f"'{shown}' {wrong}"
                 raise self.fault(said, row, self.headings[index]) from error
             if fault := size_fault(values[row], largest):
@@ -135,6 +142,7 @@ def read_table(
     for line, cells in rows:
         if len(cells) > width or (len(cells) < width and not short_rows):
             why = f"; does line {heading_line} name every column?" if len(cells) > width else "; is the row cut off?"
+            why = _COMMENT if str(cells[0]).startswith("#") else why
             raise error(path, f"{len(cells)} cells for {width} columns{_separators(first) or why}", line)
         cells.extend([""] * (width - len(cells)))
     lines = np.array([line for line, _ in rows], dtype=np.int64)
@@ -179,7 +187,9 @@ def _number(cell: Any) -> float:
 
 
 def _separators(headings: Sequence[Any]) -> str:
-    """Return what may be wrong with a table of these headings, if they are a single one."""
+    """Return what may be wrong with a table of these headings, if they are a comment or a single one."""
+    if headings and str(headings[0]).startswith("#"):
+        return _COMMENT
     if len(headings) == 1 and any(mark in str(headings[0]) for mark in ";\t"):
         return " (columns must be parted by commas, and the decimal mark must be a point)"
     return ""

@@ -107,6 +107,16 @@ def test_temperatures_in_kelvin(tmp_path):
         ("", "", ["empty"]),
         (HEADER.replace(",", ";"), ROW.replace(",", ";"), ["line 1", "commas"]),
         (HEADER, '"a' + ROW, ["not valid CSV"]),
+        ("# made by hand", ROW, ["line 2", "begins with # is no comment", "delete it"]),
+        ("# q1_mm," + HEADER.replace("q1_mm,", ""), ROW, ["line 1", "'q1_m'", "or the # where it stands before"]),
+        (HEADER, "# a, second block", ["line 2", "begins with # is no comment", "delete it"]),
+        (HEADER, ROW.replace("5.0", "2026-03-01T10:00:00"), ["line 2", "'time_s'", "is a date", "total_seconds()"]),
+        (
+            HEADER.replace("time_s", "time_h"),
+            ROW.replace("5.0", "10:00:30"),
+            ["line 2", "'time_h'", "time of day", "since the first row"],
+        ),
+        (HEADER + ",payload_kg", ROW + ",10:00:30", ["line 2", "'payload_kg'", "is not a usable number"]),
     ],
 )
 def test_names_file_line_and_column(tmp_path, header, row, words):
