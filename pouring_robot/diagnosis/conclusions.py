@@ -1,4 +1,4 @@
-"""What follows from the findings: where the gap is, what is left, the amended model, the next measurements."""
+"""What follows from the findings: what is left, the amended model, the next measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,6 @@ from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundParameter
 from pouring_robot.diagnosis.remainder import Remainder
 from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
-from pouring_robot.diagnosis.where.where import Where, disagreements
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -22,12 +21,6 @@ from pouring_robot.robot.model import RobotModel
 
 class Conclusions(Findings):
     """Findings and what follows from them, each worked out once, when it is asked for."""
-
-    @cached_property
-    def where(self) -> Where:
-        """Where the given model and the data disagree."""
-        rate = self.diagnoser.thresholds.false_names
-        return disagreements(self.free_residuals, self.rows.conditions, rate)
 
     @cached_property
     def moved(self) -> dict[str, FloatArray]:

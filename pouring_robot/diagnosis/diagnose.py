@@ -23,6 +23,7 @@ from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.unknown import poses, processes_of, varied
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
+from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.effects.registry import chosen_effects
@@ -39,6 +40,7 @@ from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import sums_of
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from pouring_robot.io.forked import forked
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -257,14 +259,17 @@ class _Work:
         axes = after.frames.T_tracker_base.rotation
         before = diagnoser.at_rest()
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(after, hypothesis)
-        judgement = judge(
-            hypothesis,
-            Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
-            diagnoser.thresholds,
-            noise_known=known,
-            unexplained=misfit,
-            varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
-        )
+        free, rate = _free_residuals(before, rows), diagnoser.thresholds.false_names
+        with forked(lambda: disagreements(free, rows.conditions, rate)) as located:
+            judgement = judge(
+                hypothesis,
+                Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
+                diagnoser.thresholds,
+                noise_known=known,
+                unexplained=misfit,
+                varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
+            )
+            where = located()
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         in_turn = None
@@ -294,7 +299,8 @@ class _Work:
             diagnoser=diagnoser,
             before=before.alone,
             after=after.alone,
-            free_residuals=_free_residuals(before, rows),
+            free_residuals=free,
+            where=where,
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,

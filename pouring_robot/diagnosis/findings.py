@@ -12,6 +12,7 @@ from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
+from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
@@ -37,6 +38,7 @@ class Findings:
     before: State  # the given model, only its frames fitted
     after: State  # the amended model
     free_residuals: FreeResiduals  # of the given model, only its frames fitted, of all inliers
+    where: Where  # where it and the data disagree
     hypothesis: Hypothesis  # what explains best
     judgement: Judgement  # what may be said of it
     # why the answer is unknown whatever explains best: what is left is too large for noise, or what was found is no
