@@ -19,6 +19,7 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import NOISE_FACTORS
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
+from pouring_robot.io.forked import forked
 from pouring_robot.mechanism.arrays import FloatArray, rms
 
 
@@ -116,9 +117,11 @@ class Discrepancy(SeenProcesses):
         first sum, and in the cause's place any one process more, however little that is worth. Those that say the same
         as the cause count, too: a constant error may be the mean of what is unknown.
         """
-        names, rest = self._names(least_evidence), self.without(indices)
-        own = self.hypothesis.worth(indices) + self._together(names)
-        lead = own - rest._together(rest._names(least_evidence))
+        rest = self.without(indices)
+        with forked(lambda: rest._together(rest._names(least_evidence))) as elsewhere:
+            names = self._names(least_evidence)
+            own = self.hypothesis.worth(indices) + self._together(names)
+            lead = own - elsewhere()
         if not 0.0 < lead < 2.0 * least_evidence:  # one more that the search for a sum left out is worth no more
             return lead
         more, instead = self._more(names), rest._more(names)
