@@ -171,7 +171,7 @@ class Beside:
 
     def inner(self, some: Indices, others: Indices) -> FloatArray:
         """Return the inner products of some columns (a,) with others (b,), shape (a, b)."""
-        return np.asarray(self._products.inner(some, others) - self._seen[some] @ self._seen[others].T)
+        return np.asarray(self._products.inner(some, others) - self._seen.take(some, 0) @ self._seen.take(others, 0).T)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
@@ -284,13 +284,13 @@ def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray
     1 + s^2 T the pivots, from its end, give the determinant, and the last one the element that is asked for (Golub &
     Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
     """
-    count, variances = len(projected), np.exp(2.0 * LOG_SCALES)[:, None]
-    diagonal, beside = np.empty((len(weights), 1, count)), np.empty((len(weights), 1, count))
-    for k, own in enumerate(weights):
-        bordered = np.zeros((count + 1, count + 1), order="F")
-        bordered[1:, 0] = own * projected
-        np.multiply(own[:, None] * columns, own, out=bordered[1:, 1:].T)  # as it lies in memory
-        _, whole, off, _, _ = scipy.linalg.lapack.dsytrd(bordered, lower=1, lwork=_BLOCK * count, overwrite_a=1)
+    (sets, count), variances = weights.shape, np.exp(2.0 * LOG_SCALES)[:, None]
+    diagonal, beside = np.empty((sets, 1, count)), np.empty((sets, 1, count))
+    bordered = np.zeros((sets, count + 1, count + 1))
+    np.multiply(weights, projected, out=bordered[:, 0, 1:])
+    np.multiply(weights[:, :, None] * columns, weights[:, None], out=bordered[:, 1:, 1:])
+    for k, own in enumerate(bordered):
+        _, whole, off, _, _ = scipy.linalg.lapack.dsytrd(own.T, lower=1, lwork=_BLOCK * count, overwrite_a=1)
         diagonal[k, 0], beside[k, 0] = whole[:0:-1], off[::-1]
     steps, squared = variances * beside, variances[:, 0] * beside[..., -1] ** 2
     steps[..., -1] = 0.0  # nothing stands between what are one matrix here: all scales, and a last 1
