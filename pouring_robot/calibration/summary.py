@@ -8,14 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import (
-    LEARNT,
-    CalibrationFindings,
-    Movement,
-    combination_lines,
-    group_effects,
-    parameter_lines,
-)
+from pouring_robot.calibration.findings import CalibrationFindings, combination_lines, group_effects, parameter_lines
+from pouring_robot.calibration.intervals import LEARNT, Movement
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
