@@ -116,7 +116,7 @@ def performance_line(calibration: CalibrationFindings) -> str:
         f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
     )
     if math.isfinite(found.rp_mrad):
-        line += f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after"
+        line += f"; attitude {found.ap_before_mrad:.3f} mrad before, {found.ap_after_mrad:.3f} mrad after"
         line += f", repeatability {found.rp_mrad:.3f} mrad"
     return line
 
