@@ -1,7 +1,7 @@
 """Cells of conditions that are missing: filled in from their neighbours in time where these tell them.
 
-Temperatures follow the rows before and after. What somebody sets row by row, loads, travels, sides, forces, may stay
-as it was for many rows or be drawn anew for each: the column itself shows which.
+What is measured beside the pose, temperatures and forces, follows the rows before and after. What somebody sets row by
+row, loads, travels, sides, may stay as it was for many rows or be drawn anew for each: the column itself shows which.
 """
 
 import numpy as np
@@ -10,6 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
+_SET = ("mass", "length", "sign")
 _MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
 _ALIKE = 0.1
 """Of a column's range: values no further apart are alike. A cell that is off by as much does to an effect, in one row,
@@ -22,9 +23,9 @@ rule of succession)."""
 def rows_without(campaign: Campaign) -> dict[str, Indices]:
     """Return the rows in which a condition is not known and no others tell it, by its heading, ascending.
 
-    Temperatures between two known ones are told by them; what is set row by row is between two that are alike; what is
-    the same wherever it is known is everywhere. Of what comes long after the last one nobody knows anything; a few rows
-    count as between. Where each pose was driven to from the row before, nobody knows the side of a session's first row.
+    What is measured is told by the known values around it; what is set row by row by two that are alike; what is the
+    same wherever it is known by any. Of what comes long after the last one nobody knows anything; a few rows count as
+    between. Where each pose was driven to from the row before, nobody knows the side of a session's first row.
     """
     order, found = np.argsort(_times(campaign), kind="stable"), {}
     for quantity in campaign.robot.condition_columns:
@@ -33,7 +34,7 @@ def rows_without(campaign: Campaign) -> dict[str, Indices]:
             continue
         values = campaign.quantity(quantity.name)
         if values is not None and not np.isfinite(values).all():
-            untold = order[_untold(values[order], between=quantity.kind == "temperature")]
+            untold = order[_untold(values[order], between=quantity.kind not in _SET)]
             if untold.size:
                 found[quantity.canonical] = np.sort(untold)
     if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:
