@@ -7,6 +7,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.report.plots import plots, shape_of
 from pouring_robot.diagnosis.unknown import varied
+from pouring_robot.inference.processes import Channel, sums_of
 from tests.rig import Wanted, make_campaign, write_case
 
 LAG_S = 500.0
@@ -61,14 +62,15 @@ def test_what_an_effect_adds_is_told_from_its_parameters_as_from_the_columns_of_
     state, hypothesis = found.diagnoser.found(found.hypothesis)
     added = found.diagnoser.added(hypothesis, "leg_thermal_expansion", state.linear)
     part = sum(hypothesis.part(k) for k in hypothesis.of_effect("leg_thermal_expansion"))
-    np.testing.assert_allclose(hypothesis.problem.nuisance.cleared(added), part, atol=1e-6 * np.abs(part).max())
+    np.testing.assert_allclose(hypothesis.problem.nuisance.cleared(added.column), part, atol=1e-6 * np.abs(part).max())
 
 
 def test_its_size_may_vary_by_a_tenth_with_each_condition(core):
     found = core[1]
     row = found.after.fitted_rows.row
     added = np.arange(1.0, len(row) + 1.0)
-    processes = list(varied("leg_thermal_expansion", added, found.rows.conditions, row))
+    channel = Channel("leg_thermal_expansion", added, sums_of(row, len(found.rows)))
+    processes = list(varied(channel, found.rows.conditions))
     assert {"time", "order", "leg temperatures", "pose", "side of approach"} <= {one.by for one in processes}
     for (part,) in (parts for one in processes for parts in one.lengths.values()):
         assert part.rms == pytest.approx(0.1)

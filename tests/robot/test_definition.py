@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.batch import engine_for
-from pouring_robot.effects.robot_causes import causes_of
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
