@@ -30,8 +30,9 @@ from pouring_robot.estimation.map_fit import (
     seen_from_one_place,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.noise_source import noise_beforehand
 from pouring_robot.estimation.priors import prior_std
-from pouring_robot.estimation.repeats import noise_beforehand, repeats
+from pouring_robot.estimation.repeats import repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError

@@ -38,6 +38,8 @@ from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 _NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
+"""Of n equations the noise is known to 1 / sqrt(2 n): closer than 1 % only of more than 5000. Rounds are cheap, as each
+begins where the one before ended, so that even a noise that creeps settles."""
 
 
 def campaign_and_model(

@@ -1,8 +1,8 @@
 """The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
-Before a fit it is as stated, or the scatter of repeats (:mod:`pouring_robot.estimation.repeats`). Where it is neither,
-:meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree. From
-where on that is too large to pass for noise, :func:`largest_noise` says.
+Before a fit it is as stated, or the scatter of repeats (:mod:`pouring_robot.estimation.noise_source`). Where it is
+neither, :meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both
+agree. From where on that is too large to pass for noise, :func:`largest_noise` says.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Rows that repeat a pose, and the noise before any fit: as stated, or the scatter of repeats."""
+"""Rows that repeat a pose, and how far what was measured of them scatters."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.kinds import KINDS, Kind
-from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
+from pouring_robot.estimation.noise import LEAST_NOISE, Noise
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -51,16 +50,3 @@ def repeat_noise(measured: MeasuredPoses, groups: list[Indices]) -> tuple[Noise 
         for total, freedom in zip(sums, freedoms, strict=True)
     ]
     return found[0], found[1]
-
-
-def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
-    """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
-    measured, facts = MeasuredPoses.from_campaign(campaign, NoiseLevel({})), campaign.metadata
-    stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
-    scatter = (*repeat_noise(measured, repeats(campaign, rows)), None, None)
-    there = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
-    found: dict[Kind, Noise] = {}
-    for kind, given, seen in zip(KINDS, stated, scatter, strict=True):
-        noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
-        found[kind] = noise if kind in there else Noise(noise.sigma)
-    return NoiseLevel(found)

@@ -19,7 +19,8 @@ from pouring_robot.mechanism.arrays import rms
 
 _MOST = 12
 _NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
-"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures."""
+"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures. It begins as
+the diagnosis left it, so that one round does as a rule."""
 _MONOTONE = 0.8
 _MINOR = 0.25
 
