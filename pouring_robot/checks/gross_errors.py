@@ -17,7 +17,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.robust import TUKEY, huber_weights, robust_sigma
+from pouring_robot.estimation.robust import huber_weights, robust_sigma, tukey_weights
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
@@ -385,8 +385,7 @@ def _robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Fl
         scale = max(robust_sigma(left), floor, 1e-12)
         size = np.minimum(np.abs(left) / scale, 1e6)
         # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
-        tukey = np.where(size < TUKEY, (1.0 - (size / TUKEY) ** 2) ** 2, 0.0)
-        weight = huber_weights(size) if step < 8 else tukey
+        weight = huber_weights(size) if step < 8 else tukey_weights(size)
     full = np.full(values.size, np.nan)
     full[known] = left
     return coefficients, full, scale

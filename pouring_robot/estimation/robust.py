@@ -2,7 +2,7 @@
 
 In a fit (:func:`robust_terms`) the coordinates of a row are judged together: one slip spoils all three, and the bound
 follows from noise. Before any fit, where the noise is not known, the scale is that of the residuals themselves
-(:func:`robust_sigma`, :func:`huber_weights`).
+(:func:`robust_sigma`, :func:`huber_weights`, :func:`tukey_weights`).
 """
 
 import functools
@@ -16,11 +16,12 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 Loss = Literal["huber", "soft_l1", "linear"]
-_INLIER_SHARE = 0.99
-"""Share of the blocks that noise alone leaves within the bound."""
-HUBER, TUKEY = 1.5, 4.7
-"""Bounds of weights, in robust standard deviations: beyond, a value pulls no more, or not at all. Of normal values 96 %
-and 95 % of what least squares know are left (Huber, Robust Statistics, 1981, ch. 4 and 7)."""
+_FIT_INLIER_SHARE = 0.99
+"""Share of the blocks that noise alone leaves within the bound of a fit, where the loss is quadratic."""
+PRELIMINARY_HUBER_BOUND, PRELIMINARY_TUKEY_BOUND = 1.5, 4.7
+"""Bounds of weights before a fit, of frames and in checks, in robust standard deviations: beyond, a value pulls no
+more, or not at all. Of normal values 96 % and 95 % of what least squares know are left (Huber, Robust Statistics, 1981,
+ch. 4 and 7)."""
 _MAD_TO_SIGMA = 1.4826  # of normal values: one over their quantile of three quarters
 
 
@@ -46,9 +47,14 @@ def robust_sigma(values: FloatArray) -> float:
     return float(_MAD_TO_SIGMA * np.median(kept)) if kept.size else 0.0
 
 
-def huber_weights(sizes: FloatArray, bound: float | FloatArray = HUBER) -> FloatArray:
+def huber_weights(sizes: FloatArray, bound: float | FloatArray = PRELIMINARY_HUBER_BOUND) -> FloatArray:
     """Return Huber's weights of sizes that are not negative, same shape: 1 up to the bound, in their unit."""
     return np.asarray(bound / np.maximum(sizes, bound))
+
+
+def tukey_weights(sizes: FloatArray, bound: float = PRELIMINARY_TUKEY_BOUND) -> FloatArray:
+    """Return Tukey's weights of sizes that are not negative, same shape: none from the bound on, in their unit."""
+    return np.where(sizes < bound, (1.0 - (sizes / bound) ** 2) ** 2, 0.0)
 
 
 @functools.cache
@@ -79,7 +85,7 @@ def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tupl
     ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
-    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], loss)
+    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_FIT_INLIER_SHARE))[counts], loss)
     return float(cost.sum()), weight[blocks]
 
 
@@ -95,7 +101,7 @@ def noise_shares(equations: Equations, loss: Loss) -> FloatArray:
 @functools.cache
 def _noise_share(loss: Loss, components: int) -> float:
     nodes, weights = scipy.special.roots_genlaguerre(64, 0.5 * components - 1.0)  # half a chi-square is a gamma
-    _, weight = _weighed(2.0 * nodes, np.full(64, np.sqrt(_quantiles(_INLIER_SHARE)[components])), loss)
+    _, weight = _weighed(2.0 * nodes, np.full(64, np.sqrt(_quantiles(_FIT_INLIER_SHARE)[components])), loss)
     return float((weights * weight**2) @ nodes / (weights @ nodes))
 
 

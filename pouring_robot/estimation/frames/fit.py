@@ -22,7 +22,7 @@ import scipy.linalg
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, frame_starts
-from pouring_robot.estimation.robust import HUBER, huber_weights, robust_sigma
+from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights, robust_sigma
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import skew
@@ -265,6 +265,6 @@ def _weighted(jacobian: FloatArray, residual: FloatArray, scale: float) -> Float
     known = np.isfinite(residual) & np.isfinite(jacobian).all(axis=2)
     filled = np.where(known, residual, 0.0)
     length = np.sqrt((filled**2).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
-    weight = np.sqrt(huber_weights(length, HUBER * scale))
+    weight = np.sqrt(huber_weights(length, PRELIMINARY_HUBER_BOUND * scale))
     weights = np.broadcast_to(weight[:, None], known.shape)[known]
     return np.asarray(np.column_stack([jacobian[known], residual[known]]) * weights[:, None])

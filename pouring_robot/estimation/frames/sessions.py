@@ -17,7 +17,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.robust import HUBER, huber_weights, robust_sigma
+from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights, robust_sigma
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
@@ -131,7 +131,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
         base = pin.SE3(u @ vt, seen - u @ vt @ middle)
         left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
         sigma = robust_sigma(left / np.sqrt(3.0))
-        weights = huber_weights(left, HUBER * np.sqrt(3.0) * sigma) if sigma else weights
+        weights = huber_weights(left, PRELIMINARY_HUBER_BOUND * np.sqrt(3.0) * sigma) if sigma else weights
     return base
 
 
