@@ -21,14 +21,19 @@ class Movement:
     prior_std: float
 
     @property
+    def half_width(self) -> float:
+        """Half of the 95 % interval."""
+        return Z95 * self.std
+
+    @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval."""
-        return self.value - Z95 * self.std, self.value + Z95 * self.std
+        return self.value - self.half_width, self.value + self.half_width
 
     @property
     def moved(self) -> bool:
         """Whether the 95 % interval leaves out zero."""
-        return abs(self.value) > Z95 * self.std
+        return abs(self.value) > self.half_width
 
     @property
     def surprise(self) -> float:

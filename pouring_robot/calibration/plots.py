@@ -66,9 +66,10 @@ def _parameters(calibration: CalibrationFindings) -> str:
     axes = figure.subplots()
     place = np.arange(len(order))
     prior = np.array([line.prior_std for line in order])
-    value, std = np.array([line.value for line in order]) / prior, np.array([line.std for line in order]) / prior
+    value = np.array([line.value for line in order]) / prior
+    half = np.array([line.half_width for line in order]) / prior
     axes.barh(place, 2 * np.full(len(order), Z95), left=-Z95, color=GREY, alpha=0.2, label="95 % by tolerance")
-    axes.errorbar(value, place, xerr=Z95 * std, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
+    axes.errorbar(value, place, xerr=half, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
     axes.set_yticks(place, [f"{line.name}  {line.value:+.3f} {line.unit}" for line in order], fontsize=7)
     axes.set_ylim(len(order) - 0.5, -0.5)
     axes.axvline(0.0, color="black", linewidth=0.6)

@@ -22,7 +22,6 @@ from pouring_robot.calibration.summary import (
 from pouring_robot.exceptions import DescriptionError, OutputError, counted
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.units import MM
-from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.export.closed import ClosedRobot
@@ -68,7 +67,7 @@ def effect_table(calibration: CalibrationFindings) -> Table:
 
 
 def _movement(line: Movement) -> Row:
-    return f"{line.value:+.4f}", f"{Z95 * line.std:.4f}", line.unit, f"{line.prior_std:.3g}"
+    return f"{line.value:+.4f}", f"{line.half_width:.4f}", line.unit, f"{line.prior_std:.3g}"
 
 
 _MOVEMENT = ("off by", "± 95 %", "unit", "tolerance (1σ)")
