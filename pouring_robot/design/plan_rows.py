@@ -37,6 +37,7 @@ from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
+from pouring_robot.mechanism.weight import by_a_newton, up_in_base
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
@@ -64,7 +65,7 @@ class Columns:
         self.drives = robot.parameters.drives
         self._model = MeasurementModel(robot.model, self.local)
         self._lip_m = np.array(nominal.T_end_tool.translation)
-        self._ladle_at, self._tare_kg = np.zeros(3), 0.0
+        self._up, self._ladle_at, self._tare_kg = up_in_base(nominal), np.zeros(3), 0.0
         if isinstance(robot, PouringRobot):
             ladle = robot.layout.ladle
             self._ladle_at, self._tare_kg = np.array(ladle.centre_of_mass.metres), ladle.tare.value
@@ -99,16 +100,15 @@ class Columns:
         """Return what rows are made of (see :meth:`_row`) and which poses close, (n,)."""
         command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)
-        still, centre = pin.SE3.Identity(), self._ladle_at
-        at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
-        seen = modelled.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.local)))
+        frames = OuterFrames(pin.SE3.Identity(), pin.SE3(np.eye(3), np.asarray(target_m, dtype=float)))
+        seen = modelled.linearise(Unknowns.zero(frames, len(self.local)))
         # The drives may be among the parameters already, where none may stand twice.
-        driven = modelled.with_parameters(self.drives)
-        drives = driven.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.drives)))
-        lifted = driven.linearise(Unknowns.zero(OuterFrames(still, pin.SE3(np.eye(3), centre)), len(self.drives)))
-        closed = seen.closed & drives.closed & lifted.closed
-        base, drive_columns, at_centre = (np.nan_to_num(part.derivatives) for part in (seen, drives, lifted))
-        return (base, drive_columns[:, :, FRAMES:], -at_centre[:, 2, FRAMES:], command.drives), closed
+        drives = modelled.with_parameters(self.drives).linearise(Unknowns.zero(frames, len(self.drives)))
+        base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
+        moved = by_drive[:, :, FRAMES:]
+        arm = np.nan_to_num(drives.rotation) @ (self._ladle_at - target_m)
+        loads = by_a_newton(self._up, moved, arm)
+        return (base, moved, loads, command.drives), seen.closed & drives.closed
 
     def _row(
         self, conditions: Conditions, base: FloatArray, drives: FloatArray, loads: FloatArray, commanded: FloatArray

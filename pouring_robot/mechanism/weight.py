@@ -27,8 +27,8 @@ def by_a_newton(up: FloatArray, moved: FloatArray, arm: FloatArray) -> FloatArra
 
     Args:
         up: direction against gravity in the base, (3,).
-        moved: derivative of the end body's pose in base axes, (n, 6, p).
-        arm: from the end body's origin to the weight in base axes, (n, 3).
+        moved: derivative of the pose of a frame on the end body, in base axes, (n, 6, p).
+        arm: from that frame's origin to the weight in base axes, (n, 3).
     """
     lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
     return np.asarray(-np.einsum("c,ncp->np", up, lifted))
