@@ -38,4 +38,4 @@ from .robot.pouring_robot import load_robot as load_robot
 from .robot.robot import Robot as Robot
 from .sweeps.config import SweepConfig as SweepConfig
 from .sweeps.runner import sweep as sweep
-from .thermal.expansion.heated_robot import HeatedRobot as HeatedRobot
+from .thermal.expansion.warm_pouring_robot import HeatedRobot as HeatedRobot

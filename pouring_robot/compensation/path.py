@@ -2,7 +2,7 @@
 
 One by one (:func:`~pouring_robot.compensation.pose.compensate`) temperatures are taken anew where the ladle has come
 to, until that moves nothing. A compensated ladle is where it is wanted, but for roll and yaw, so here they are taken
-there, once (:mod:`pouring_robot.thermal.expansion.heated_robot`).
+there, once (:mod:`pouring_robot.thermal.expansion.warm_pouring_robot`).
 
 Compensation without this package is polynomials over the workspace, and a C header that a controller compiles. What
 compensation adds to the drives of the drawing's inverse kinematics is a smooth function of the wanted pose. It is
@@ -39,7 +39,7 @@ from pouring_robot.robot.inverse import limited
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmPath, strains_along
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmPath, strains_along
 from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 NOT_FOUND = "not found"

@@ -2,7 +2,7 @@
 
 Four drives command four freedoms: x, y, z of a frame on the moving platform and the tilt about y. Newton on the exact
 Jacobian of the closed mechanism solves them, temperatures held; then temperatures are taken anew where the ladle now
-is, and so on until that moves nothing (``expansion.heated_robot``). The two other turns of the platform,
+is, and so on until that moves nothing (``expansion.warm_pouring_robot``). The two other turns of the platform,
 roll about x and yaw about z, follow from the errors and cannot be commanded. They are what is left, and what they do
 to the lip.
 
@@ -36,7 +36,7 @@ from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 # Drives and commands have 12 decimals so that a reader gets back what was solved.

@@ -35,7 +35,7 @@ from pouring_robot.effects.conditions import (
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import known_facts, sources
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
-from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
+from pouring_robot.effects.families.growth import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset

@@ -1,9 +1,9 @@
-from .expansion.heated_robot import HeatedRobot as HeatedRobot
-from .expansion.heated_robot import PoseShares as PoseShares
-from .expansion.heated_robot import WarmRobot as WarmRobot
-from .expansion.heated_robot import WarmState as WarmState
 from .expansion.leg_growth import LegBending as LegBending
 from .expansion.leg_growth import ThermalExpansion as ThermalExpansion
+from .expansion.warm_pouring_robot import HeatedRobot as HeatedRobot
+from .expansion.warm_pouring_robot import PoseShares as PoseShares
+from .expansion.warm_pouring_robot import WarmRobot as WarmRobot
+from .expansion.warm_pouring_robot import WarmState as WarmState
 from .network.assembly import ThermalNetwork as ThermalNetwork
 from .network.assembly import simulate as simulate
 from .network.history import HeatHistory as HeatHistory

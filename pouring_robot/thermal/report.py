@@ -21,8 +21,8 @@ from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.parts import TemperatureField

@@ -22,7 +22,7 @@ from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places
 from pouring_robot.thermal.expansion.displacement import DisplacementField
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import SOLVER
 from pouring_robot.thermal.network.parts import TemperatureField

@@ -21,7 +21,7 @@ from pouring_robot.compensation.path import compensate_path
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring_robot import load_robot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, locate_path
 
 MODEL = Path(__file__).resolve().parents[2] / "examples" / "actual.yaml"
 COLD_FOR_ONE_WARM = 50

@@ -351,7 +351,7 @@ def compensation(setting: Setting) -> Measurement:
     """Drive values for the robot as built at 1700 °C; errors of the four freedoms against the wanted pose."""
     from pouring_robot.compensation.pose import compensate
     from pouring_robot.robot.heat_section import HeatSection
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated = HeatedRobot(setting.actual, HeatSection(melt_degC=1700.0))
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))

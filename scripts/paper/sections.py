@@ -34,7 +34,7 @@ from pouring_robot.robot.pouring.stiffness import PartStiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.pouring_under_weight import stiffness_at, under_weight
 from pouring_robot.sweeps.draws import ErrorMap
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from scripts.paper.claims import COLUMNS, Claim, judge
 from scripts.paper.geometry.study import GeometryStudy, error_size, run_study
 from scripts.paper.page import PaperReport, claims_table, tally

@@ -20,7 +20,7 @@ from pouring_robot.compensation.path import compensate_path, make_controller
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring_robot import load_robot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = """#include <stdio.h>

@@ -14,7 +14,7 @@ from pouring_robot.robot.export.closed import configured
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from tests.support import ACTUAL, ROOT
 
 POSES = ROOT / "examples" / "poses.csv"

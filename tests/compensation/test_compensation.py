@@ -14,7 +14,7 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from tests.support import BOX_LOWER, BOX_UPPER, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)

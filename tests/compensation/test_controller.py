@@ -10,7 +10,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from scripts.studies.controller import answers
 from scripts.studies.controller import compiled as gcc_made
 from tests.support import BOX_LOWER, BOX_UPPER, round_off

@@ -13,7 +13,7 @@ from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, locate_path
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
 
@@ -44,7 +44,7 @@ def test_cold_it_is_what_one_by_one_finds(robot, frame):
 
 
 def test_warm_it_is_off_by_what_a_leg_is_longer_than_the_drawings(robot):
-    """A kelvin, 12 µm in a metre of steel, for a few millimetres of leg: see :mod:`thermal.expansion.heated_robot`."""
+    """A kelvin, 12 µm in a metre of steel, for a few millimetres of leg: see ``expansion.warm_pouring_robot``."""
     heated = HeatedRobot(robot, HeatSection())
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
     drives = np.array([list(one.drives.values()) for one in singly])

@@ -28,7 +28,7 @@ from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.thermal.expansion.heated_robot import drawing_of
+from pouring_robot.thermal.expansion.warm_pouring_robot import drawing_of
 from tests.effects.bench import EFFECTS, NOISE, SIGMA_M
 from tests.examples.machines import MACHINES
 from tests.support import LEARNED, ROOT, random_poses

@@ -9,7 +9,7 @@ from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from tests.support import ROOT, relative_error
 
 ROBOTS = ROOT / "examples" / "robots"

@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from pouring_robot.thermal.scene import PouringBench
 from tests.robot.benches import POSE, ask, check, origins
 

@@ -13,8 +13,8 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_under_weight import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.thermal.expansion.displacement import DisplacementField
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.truss import TrussMotion
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
 from pouring_robot.thermal.scene import displacement_scene, shift_scene

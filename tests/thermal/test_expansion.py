@@ -13,8 +13,8 @@ from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.heated_robot import WarmRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
+from pouring_robot.thermal.expansion.warm_pouring_robot import WarmRobot
 from pouring_robot.thermal.network.parts import gradient_across_tube
 from tests.support import CHAINS, oracle_cases, random_poses
 

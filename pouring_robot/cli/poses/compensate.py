@@ -101,7 +101,7 @@ def _ladle(
     from pouring_robot.compensation.pose import compensate as compensated
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
 
@@ -182,7 +182,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
     """Compensate a whole path, or make the function that does it elsewhere."""
     from pouring_robot.compensation.path import compensate_path, make_controller
     from pouring_robot.robot.pose_table import read_poses
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated, written = HeatedRobot(robot, heat), []
     if (asked.poses is None) == (asked.header is None):

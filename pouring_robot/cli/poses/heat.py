@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.robot import Command, Robot
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, PoseShares, WarmState
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
 
@@ -175,7 +175,7 @@ def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:
     if heat is None:
         return None
     # The thermal network takes a while to import; only a warm robot pays for it.
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     return HeatedRobot(with_melt(robot), heat)
 

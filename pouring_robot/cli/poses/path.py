@@ -97,7 +97,7 @@ def _at_once(
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, locate_path
 
     if not isinstance(robot, PouringRobot):
         raise BadInputError("--at-once knows the pouring robot only")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.thermal.expansion.displacement import MovedParts
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _MOST_ROWS, _DRAWN = 2000, 121
@@ -64,8 +64,8 @@ class Moved:
         from pouring_robot.robot.pouring.stiffness import load_stiffness
         from pouring_robot.robot.pouring_under_weight import stiffness_at, truss_sag_m, under_weight
         from pouring_robot.thermal.expansion.displacement import DisplacementField, MovedParts
-        from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
         from pouring_robot.thermal.expansion.truss import TrussMotion
+        from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot as Heated
 
         drawing, carried, sag = heated.robot, heated, 0.0
         if self.under != "heat":

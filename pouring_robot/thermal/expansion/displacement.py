@@ -15,8 +15,8 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.thermal.expansion.heated_robot import WarmState
 from pouring_robot.thermal.expansion.truss import TrussMotion, TrussTemperatures
+from pouring_robot.thermal.expansion.warm_pouring_robot import WarmState
 
 _ON_A_LEG = 12
 _ON_A_CIRCLE = 16

@@ -20,9 +20,9 @@ from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussMotion
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.parts import TemperatureField
 from pouring_robot.thermal.regression.joint_model import JointRegression

@@ -1,18 +1,20 @@
-"""Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it."""
+"""Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it.
+
+Which links carry what: :mod:`pouring_robot.effects.carried`.
+"""
 
 import functools
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
+from pouring_robot.effects.carried import chain_ends, frame_places, grown_places, lever, standing
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.pinocchio_model import frame_index
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _PPM = 1e-6
@@ -72,81 +74,9 @@ class DriveGrowth(Family):
 
 
 @functools.lru_cache(maxsize=16)
-def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
-    """Return of every joint, fixed and moving, the link it stands on and its placement in that link."""
-    model = robot.mechanism().shared_model
-    found: dict[str, tuple[str, pin.SE3]] = {}
-    for frame in model.frames:
-        if frame.type not in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
-            continue
-        link = model.frames[frame.parentFrame]
-        fixed = frame.type == pin.FrameType.FIXED_JOINT
-        placed = link.placement.actInv(frame.placement if fixed else model.jointPlacements[frame.parentJoint])
-        found[frame.name] = link.name, placed
-    return found
-
-
-@functools.lru_cache(maxsize=16)
 def _chain_joints(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the joints that links carry apart: all whose placements make the pose, also those made as drawn."""
     return engine_for(robot.mechanism()).structure.placed_joints
-
-
-def _lever(placed: pin.SE3) -> FloatArray:
-    """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
-    return np.asarray(placed.rotation.T @ placed.translation)
-
-
-def carrier(model: pin.Model, name: str) -> pin.Frame:
-    """Return the joint, fixed or moving, that carries a link, or that is meant itself."""
-    frame = model.frames[frame_index(model, name)]
-    return model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
-
-
-def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what links do to joints (``places``), also through fixed ones, which nothing displaces by themselves.
-
-    That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
-    link of what it carries there, (3,), in the joint's own axes, in m.
-    """
-    found = []
-    for joint in places:
-        link, placed = standing(robot)[joint]
-        found.append((joint, link, _lever(placed)))
-        found += [(joint, below, placed.rotation.T @ place) for below, place in _carried(robot, link, places)]
-    return found
-
-
-def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what the last links of a chain do that ends in a fixed joint, which nothing displaces.
-
-    They move the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
-    """
-    model = robot.mechanism().shared_model
-    ends = [(loop.frame_a, carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
-    return [
-        (seat, link, -place) for end, seat in ends if seat in places for link, place in _carried(robot, end, places)
-    ]
-
-
-def frame_places(robot: RobotDefinition, frame: str | None, places: Collection[str]) -> list[tuple[str, FloatArray]]:
-    """Return what links do to the end frame or the base frame, behind the last of ``places`` or joint that moves.
-
-    That is a link, and the place on it of what it carries there, (3,), in the axes of the frame, in m.
-    """
-    return list(_carried(robot, frame, places)) if frame else []
-
-
-def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield links that carry one through fixed joints, none of ``places``, and the place of each step, in its axes."""
-    model, turned = robot.mechanism().shared_model, np.eye(3)
-    joint = carrier(model, link)
-    while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):
-        link, placed = standing(robot)[joint.name]
-        turned = placed.rotation @ turned
-        yield link, np.asarray(turned.T @ placed.translation)
-        joint = carrier(model, link)
 
 
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
@@ -171,7 +101,7 @@ class LinkGrowth(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
         rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, standing(conditions.robot)
-        places = {joint: _lever(known[joint][1]) for joint in self.joints}
+        places = {joint: lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
 
         shapes = [("thermometer_bias", "1e-6", _BIAS_K * std, _grown(places, np.ones(len(conditions))))]

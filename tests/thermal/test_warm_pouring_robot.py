@@ -12,8 +12,8 @@ from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.view.bench import with_errors
-from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion
+from pouring_robot.thermal.expansion.warm_pouring_robot import SETTLED_M, HeatedRobot, WarmRobot, drawing_of
 from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)

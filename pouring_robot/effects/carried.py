@@ -1,0 +1,83 @@
+"""Which link every joint stands on, and which links carry what: where growth, or another body, moves what it bears."""
+
+import functools
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.pinocchio_model import frame_index
+from pouring_robot.robot.description.definition import RobotDefinition
+
+
+@functools.lru_cache(maxsize=16)
+def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
+    """Return of every joint, fixed and moving, the link it stands on and its placement in that link."""
+    model = robot.mechanism().shared_model
+    found: dict[str, tuple[str, pin.SE3]] = {}
+    for frame in model.frames:
+        if frame.type not in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
+            continue
+        link = model.frames[frame.parentFrame]
+        fixed = frame.type == pin.FrameType.FIXED_JOINT
+        placed = link.placement.actInv(frame.placement if fixed else model.jointPlacements[frame.parentJoint])
+        found[frame.name] = link.name, placed
+    return found
+
+
+def lever(placed: pin.SE3) -> FloatArray:
+    """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
+    return np.asarray(placed.rotation.T @ placed.translation)
+
+
+def carrier(model: pin.Model, name: str) -> pin.Frame:
+    """Return the joint, fixed or moving, that carries a link, or that is meant itself."""
+    frame = model.frames[frame_index(model, name)]
+    return model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
+
+
+def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
+    """Return what links do to joints (``places``), also through fixed ones, which nothing displaces by themselves.
+
+    That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
+    link of what it carries there, (3,), in the joint's own axes, in m.
+    """
+    found = []
+    for joint in places:
+        link, placed = standing(robot)[joint]
+        found.append((joint, link, lever(placed)))
+        found += [(joint, below, placed.rotation.T @ place) for below, place in _carried(robot, link, places)]
+    return found
+
+
+def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
+    """Return what the last links of a chain do that ends in a fixed joint, which nothing displaces.
+
+    They move the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
+    have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
+    """
+    model = robot.mechanism().shared_model
+    ends = [(loop.frame_a, carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
+    return [
+        (seat, link, -place) for end, seat in ends if seat in places for link, place in _carried(robot, end, places)
+    ]
+
+
+def frame_places(robot: RobotDefinition, frame: str | None, places: Collection[str]) -> list[tuple[str, FloatArray]]:
+    """Return what links do to the end frame or the base frame, behind the last of ``places`` or joint that moves.
+
+    That is a link, and the place on it of what it carries there, (3,), in the axes of the frame, in m.
+    """
+    return list(_carried(robot, frame, places)) if frame else []
+
+
+def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Yield links that carry one through fixed joints, none of ``places``, and the place of each step, in its axes."""
+    model, turned = robot.mechanism().shared_model, np.eye(3)
+    joint = carrier(model, link)
+    while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):
+        link, placed = standing(robot)[joint.name]
+        turned = placed.rotation @ turned
+        yield link, np.asarray(turned.T @ placed.translation)
+        joint = carrier(model, link)
