@@ -1,6 +1,6 @@
 """How joints stand within their limits, and what refuses those beyond."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -41,26 +41,33 @@ class JointReach:
         return self.margin < -ROUND_OFF
 
 
-def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
-    """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
+def _bounded(mechanism: ClosedChainMechanism, names: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Return the limits, in m or rad, of joints among some that a command can carry beyond them.
 
-    Joints without limits, locked ones, what follows these, and those that cannot move are left out.
+    None are of joints that have no limits, of locked ones, and of what follows these.
     """
     limits, locked = mechanism.joint_limits(), {*mechanism.loops.locked_joints}
     locked |= {mimic.joint for mimic in mechanism.mimics if mimic.leader in locked}
-    moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
-    reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
+    return {name: limits[name] for name in names if name in limits and name not in locked}
+
+
+def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
+    """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
+
+    Joints without limits, locked ones and what follows these are left out.
+    """
+    bounded = _bounded(mechanism, values).items()
+    reaches = [JointReach(name, mechanism.unit_of(name), values[name], *edges) for name, edges in bounded]
     return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
 
 
 def within_limits(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArray]) -> BoolArray:
-    """Return where all joints of given values, (n,) each in m or rad, are within their limits, (n,); locked ones are.
+    """Return where the joints of :func:`joint_reach`, of values (n,) each in m or rad, are within their limits, (n,).
 
-    Of joints that have none it is one True for all.
+    Without such joints it is one True for all.
     """
-    limits, locked = mechanism.joint_limits(), mechanism.loops.locked_joints
-    bounded = [(values[name], *edges) for name, edges in limits.items() if name in values and name not in locked]
-    within = [(value >= lower - ROUND_OFF) & (value <= upper + ROUND_OFF) for value, lower, upper in bounded]
+    bounded = _bounded(mechanism, values).items()
+    within = [(values[name] >= low - ROUND_OFF) & (values[name] <= high + ROUND_OFF) for name, (low, high) in bounded]
     return np.asarray(np.all(within, axis=0))
 
 

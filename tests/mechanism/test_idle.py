@@ -9,6 +9,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPo
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.joint_limits import joint_reach, within_limits
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.pinocchio_model import read_mimics
@@ -175,6 +176,16 @@ def test_a_joint_that_mimics_a_passive_one_is_found_with_it():
 
     slope = central_differences_of(tied_tip, angle + 0.05) / central_differences_of(elbow_of, angle + 0.05)
     np.testing.assert_allclose(matrix[[0, 2], 0], slope, rtol=0, atol=1e-9 * np.abs(slope).max())
+
+
+def test_what_follows_a_locked_joint_has_no_limits_for_one_command_and_for_many():
+    """It stands where nobody can move it, even beyond what it says of itself."""
+    loops = LoopsFile(base_frame="ground", end_frame="a_tip", drives=("a_j2",), locked_joints=("a_j1", "b_j2"))
+    mechanism = ClosedChainMechanism(with_mimic(FOUR_BAR, offset=4.0), loops)
+    values = mechanism.joint_values(mechanism.with_mimics(mechanism.neutral_configuration(), {"a_j1": 0.0}))
+    assert values["b_j1"] == 4.0 > mechanism.joint_limits()["b_j1"][1]
+    assert [reach.joint for reach in joint_reach(mechanism, values)] == ["a_j2"]
+    assert within_limits(mechanism, {name: np.array([value, value]) for name, value in values.items()}).all()
 
 
 def test_mimics_of_mimics_follow_the_one_that_leads():
