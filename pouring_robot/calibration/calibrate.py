@@ -16,7 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import changes_by_stack
+from pouring_robot.effects.stack import changes_by_stack
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters

@@ -21,7 +21,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import NominalRows, conditions_of, of_commands
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import changes_by_stack, local_changes, stack_of
+from pouring_robot.effects.stack import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters

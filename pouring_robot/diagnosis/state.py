@@ -11,7 +11,7 @@ from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, Na
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.effects.registry import local_changes
+from pouring_robot.effects.stack import local_changes
 from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError

@@ -5,6 +5,6 @@ from .base import LocalChanges as LocalChanges
 from .conditions import Conditions as Conditions
 from .conditions import NominalRows as NominalRows
 from .conditions import conditions_of as conditions_of
-from .registry import FAMILIES as FAMILIES
+from .families.by_name import FAMILIES as FAMILIES
 from .registry import all_effects as all_effects
 from .registry import chosen_effects as chosen_effects

@@ -1,0 +1,190 @@
+"""What a model file's effects do: changes of local parameters in the rows of a campaign, or of commands.
+
+What the file may hold is :mod:`pouring_robot.robot.effect_stack`; which effects there are
+:mod:`pouring_robot.effects.registry`.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pouring_robot.batch.structure import Structure
+from pouring_robot.campaign.columns import approach_names
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.effects.base import Effect, EffectParameter
+from pouring_robot.effects.conditions import (
+    FORCE,
+    LOAD,
+    RISE,
+    Conditions,
+    NominalRows,
+    conditions_of,
+    force_headings,
+    forces_measured,
+    told,
+)
+from pouring_robot.effects.default_causes import causes_of
+from pouring_robot.effects.facts import sources
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.estimation.changes import RowChanges
+from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
+from pouring_robot.robot.model import RobotModel
+
+
+def stack_of(
+    model: RobotModel,
+    campaign: Campaign,
+    nominal: NominalRows,
+    conditions: Callable[[Campaign, NominalRows, LearnedCampaign | None], Conditions] = conditions_of,
+    *,
+    seen: bool = True,
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """Return what of a model depends on conditions, not being placed, as :func:`local_changes`.
+
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. All rows are
+    usable, and ``nominal`` are they by the drawing; ``conditions`` gives theirs as shapes that were learned in a
+    campaign count them. ``seen``: with what does not move the robot but what is seen of it.
+
+    Raises:
+        MissingConditionsError: an effect needs one that is not given.
+        BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
+    """
+    parameters, values, untold = list[EffectParameter](), list[float](), dict[str, None]()
+    known, given, counted = all_effects(model.definition), told(campaign), dict[str, Conditions]()
+    for entry in model.effects:
+        if entry.placed:
+            continue
+        effect = known.get(entry.effect)
+        if effect is None:
+            raise model.fault(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
+        if not (effect.moves_robot or seen):
+            continue
+        learned = model.learned.get(entry.learned)
+        if entry.learned not in counted:
+            counted[entry.learned] = conditions(campaign, nominal, learned)
+        rows = counted[entry.learned]
+        lost = [heading for heading in learned.ranges if heading not in given] if learned else []
+        unsaid, instead = _unsaid(effect, model.definition, given, lost)
+        missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *unsaid)))
+        warmed = effect.driven_by.endswith(RISE)
+        thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
+        if thermometers and missing and not {*missing} & {*lost}:
+            missing = thermometers  # any would do where it was learned: those that were there
+        if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
+            needed = [h for h in missing if not learned or "." not in h] or missing
+            raise _lacking(model, entry, needed, instead)
+        try:
+            form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+        except BadInputError as problem:
+            if thermometers:  # a form is by all of those that there were
+                raise MissingConditionsError(entry.effect, thermometers) from problem
+            raise model.fault(str(problem)) from problem
+        for name, parameter in entry.parameters.items():
+            if name not in form and (unheard := _sides_of(name, effect, entry, rows, campaign) or lost):
+                raise MissingConditionsError(entry.effect, unheard)
+            if name not in form:
+                said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
+                raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
+            if parameter.unit != form[name].unit:
+                said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
+                raise model.fault(f"{said}; it must be in '{form[name].unit}'")
+            if parameter.value and not _is_known(form[name]):
+                some = replace(rows, session=np.full_like(rows.session, -1))
+                by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
+                raise _lacking(model, entry, ("session" if by_session else "time_s",))
+            parameters.append(form[name])
+            values.append(parameter.value)
+        for part, count in effect.untold(rows).items():
+            where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
+            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
+    return local_changes(parameters, values), tuple(untold)
+
+
+def _lacking(
+    model: RobotModel, entry: EffectEntry, headings: Sequence[str], instead: Sequence[str] = ()
+) -> BadInputError:
+    """Return what to raise of an effect that needs more; no time helps what was learned by the order of rows."""
+    if [*headings] != ["time_s"] or not entry.learned or model.learned[entry.learned].timed:
+        return MissingConditionsError(entry.effect, headings, instead)
+    said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
+    return model.fault(f"{said} what it does elsewhere; take it out")
+
+
+def _sides_of(parameter: str, effect: Effect, entry: EffectEntry, rows: Conditions, campaign: Campaign) -> list[str]:
+    """Return the headings of sides of approach that nobody told, if with them a form would have a parameter."""
+    every = replace(rows, approach=np.ones(rows.drives.shape))
+    if parameter not in {p.name for p in effect.form(entry.form, every).parameters}:
+        return []
+    return [name for name in approach_names(campaign.robot) if campaign.command(name) is None]
+
+
+def changes_by_stack(
+    model: RobotModel,
+    campaign: Campaign,
+    nominal: NominalRows,
+    structure: Structure,
+    refusal: Callable[[str, str], DataError],
+) -> tuple[RowChanges, tuple[str, ...]]:
+    """Return what a model's effects change in the rows of a campaign.
+
+    As :func:`stack_of`, but that a condition that the campaign does not say is a ``refusal``.
+    """
+    try:
+        local, untold = stack_of(model, campaign, nominal)
+    except MissingConditionsError as problem:
+        raise refusal(
+            f"the model's effect '{problem.effect}' needs {problem.needed}, and the campaign does not say it",
+            "add it to the campaign, or take the effect out of the model file",
+        ) from problem
+    return RowChanges.of(local, structure, len(campaign)), untold
+
+
+def _unsaid(
+    effect: Effect, robot: RobotDefinition, given: Collection[str], lost: Collection[str]
+) -> tuple[list[str], list[str]]:
+    """Return what of the lost headings an effect goes by, though it can be worked out without; forces for the load.
+
+    The links' own weight alone makes forces on drives: the load is asked for, or all forces that were measured.
+    """
+    shaped = [heading for heading in sources(effect.shaped_by, robot) if heading in lost and heading != LOAD]
+    forces = [heading for heading in force_headings(robot) if heading in lost]
+    told = LOAD in given or forces_measured(robot, given) or not (forces or LOAD in lost)
+    if told or not _goes_by_forces(effect):
+        return shaped, []
+    return [*shaped, LOAD], forces if LOAD not in lost or forces_measured(robot, {*given, *forces}) else []
+
+
+def _goes_by_forces(effect: Effect) -> bool:
+    """Return whether an effect goes by what drives carry, which the load changes."""
+    return "weight_n" in effect.shaped_by or any(need.endswith(FORCE) for need in effect.needs)
+
+
+def learned_ranges(effect: Effect, learned: LearnedCampaign, robot: RobotDefinition) -> dict[str, tuple[float, float]]:
+    """Return over what an effect was learned in a campaign, by heading in inner units.
+
+    Where it goes by forces that were worked out, a load that the campaign did not say was taken to be none.
+    """
+    worked_out = causes_of(robot).own_weight and not forces_measured(robot, learned.ranges)
+    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and worked_out and _goes_by_forces(effect) else {}
+    return assumed | learned.ranges
+
+
+def _is_known(parameter: EffectParameter) -> bool:
+    return all(np.isfinite(change).all() for change in parameter.changes.values())
+
+
+def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]) -> dict[str, FloatArray]:
+    """Return the change of local parameters that effects make together in n rows, (n,) each, in m and rad, by name.
+
+    The ``values`` are one a parameter, in its unit.
+    """
+    total: dict[str, FloatArray] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if value:
+            for name, change in parameter.changes.items():
+                total[name] = total.get(name, 0.0) + value * change
+    return total
