@@ -162,7 +162,11 @@ class Hypothesis:
 
     @functools.cached_property
     def log_evidence(self) -> float:
-        """Log evidence, scales averaged, forms as likely as each other, up to a constant of the problem, in nats."""
+        """Log evidence, up to a constant of the problem, in nats; forms are as likely as each other.
+
+        It is the posterior at settled scales and levels and, item by item, what averaging over the item's scales adds,
+        those of all others held.
+        """
         found = [self.item_bayes_factor(k) for k in range(len(self.items))]
         averaged = sum(one.evidence - one.peak for one in found)
         return self._log_posterior + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
