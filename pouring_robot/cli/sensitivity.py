@@ -7,6 +7,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import Pair, opt, results_folder
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import counted
+from pouring_robot.io.seeds import SENSITIVITY_SEED
 
 _SHOWN, _PARTS_SHOWN = 25, 6
 
@@ -15,7 +16,7 @@ def sensitivity(
     *,
     which: bundles.Which,
     poses: Annotated[int, opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
-    seed: Annotated[int, opt("Seed of their drawing.", min=0)] = 2022,
+    seed: Annotated[int, opt("Seed of their drawing.", min=0)] = SENSITIVITY_SEED,
     length_mm: Annotated[float, opt("Size of every length error.")] = 0.2,
     angle_mrad: Annotated[float, opt("Size of every angle error.")] = 4.0,
     limit_mm: Annotated[float, opt("Errors beyond it are those to control.")] = 1.0,

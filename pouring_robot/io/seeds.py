@@ -1,13 +1,17 @@
 """One seed of the user's, a stream of random numbers for each use of it: what one draws moves no other's.
 
-Sweeps and sensitivity draw by their own ``seed`` alone. Fixed seeds are for what is drawn so that the same input gives
-the same answer, whatever the user's seed.
+A sweep draws by spawn keys of its seed (:mod:`pouring_robot.sweeps.draws`, :mod:`pouring_robot.sweeps.plan`), but Sobol
+sequences there, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), by the seed alone. Fixed seeds are for
+what is drawn so that the same input gives the same answer, whatever the user's seed.
 """
 
 import enum
+from typing import Literal
 
 import numpy as np
 
+SENSITIVITY_SEED = 2022
+"""Of the poses that sensitivity looks at, by default."""
 CHANCE_SEED = 0
 """Of what chance alone reaches in a campaign (:func:`pouring_robot.inference.thresholds.chance_level`)."""
 FRAMES_SEED = 20260722
@@ -33,3 +37,8 @@ class Stream(enum.IntEnum):
 def generator(seed: int, stream: Stream) -> np.random.Generator:
     """Return the generator of one stream of a seed, a whole number from 0 on."""
     return np.random.default_rng([seed, int(stream)])
+
+
+def spawned(seed: int, drawn: Literal["errors", "poses"], block: int = 0) -> np.random.Generator:
+    """Return the generator of one block of what a sweep draws; its errors and its poses may carry the same seed."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(("errors", "poses").index(drawn), block)))

@@ -11,6 +11,7 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_together
+from pouring_robot.io.seeds import SENSITIVITY_SEED
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray
@@ -35,7 +36,7 @@ class Request:
     """What to study; a number that is out of its range raises BadInputError."""
 
     poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
-    seed: int = 2022  # of their drawing from the workspace box; drive values of other robots are spread evenly
+    seed: int = SENSITIVITY_SEED  # of their drawing from the workspace box; other robots' drives are spread evenly
     length_m: float = 0.2 * MM  # size of an error; the default is the paper's, here and below
     angle_rad: float = 4.0 * MRAD
     # limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only

@@ -8,8 +8,8 @@ distributions (a Gaussian copula). Errors of one part share a deviate c:
 
 .. math:: z_k = \sqrt{\rho}\, c + \sqrt{1-\rho}\, n_k
 
-Numbers depend on the seed and the sample's index alone: samples are drawn in blocks of fixed size, each with the seed
-sequence ``SeedSequence(seed, spawn_key=(0, block))``. Neither chunks nor workers change them.
+Numbers depend on the seed and the sample's index alone: samples are drawn in blocks of fixed size, each with a
+spawn key of its own (:func:`pouring_robot.io.seeds.spawned`). Neither chunks nor workers change them.
 """
 
 import functools
@@ -21,6 +21,7 @@ import numpy as np
 import scipy.special
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.seeds import spawned
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
@@ -214,7 +215,7 @@ class Draws:
     def _random(self, first: int, last: int) -> FloatArray:
         blocks = []
         for number in range(first // BLOCK, (last - 1) // BLOCK + 1):
-            generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, number)))
+            generator = spawned(self.seed, "errors", number)
             common = generator.standard_normal((BLOCK, max(self.parts) + 1))
             own = generator.standard_normal((BLOCK, len(self.parts)))
             blocks.append(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * own)

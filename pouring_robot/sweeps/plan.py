@@ -18,6 +18,7 @@ import pouring_robot
 from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
 from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
+from pouring_robot.io.seeds import spawned
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -27,7 +28,7 @@ from pouring_robot.robot.description.drawing import agreed
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import Robot
-from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
+from pouring_robot.sweeps.config import Box, Grouping, SweepConfig
 from pouring_robot.sweeps.draws import Draws, ErrorMap, completed, select
 
 _MOST_ROUNDS = 20
@@ -319,7 +320,7 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
             line = list(listed)[int(np.argmax(lost))]
             raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
         return commands
-    generator, count = _generator(choice.random), choice.random.count
+    generator, count = spawned(choice.random.seed, "poses"), choice.random.count
     box = command_box(robot.command_axes)
     found = np.empty((0, box[0].size))
     for _ in range(_MOST_ROUNDS):
@@ -348,11 +349,6 @@ def _wanted(config: SweepConfig, robot: PouringRobot) -> tuple[FloatArray, list[
         return grid(*axes), []
     if random is not None:
         lower, upper = random.box.limits(robot.layout.box)
-        return _generator(random).uniform(lower, upper, size=(random.count, 4)), []
+        return spawned(random.seed, "poses").uniform(lower, upper, size=(random.count, 4)), []
     listed = robot.read_commands(config.beside(str(config.poses.file)))
     return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed.values()]), list(listed)
-
-
-def _generator(random: RandomBox) -> np.random.Generator:
-    # A spawn key of its own keeps poses and errors apart when both carry the same seed.
-    return np.random.default_rng(np.random.SeedSequence(random.seed, spawn_key=(1, 0)))
