@@ -17,6 +17,7 @@ from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.stack import changes_by_stack
+from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
@@ -31,7 +32,6 @@ from pouring_robot.estimation.map_fit import (
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise_source import noise_beforehand
-from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.repeats import repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split

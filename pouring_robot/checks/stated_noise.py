@@ -25,7 +25,7 @@ from scipy.special import chdtri
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.checks.gross_errors import joint_effect
+from pouring_robot.checks.rows import joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in

@@ -47,7 +47,7 @@ _Parts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Conditions:
+class PlannedConditions:
     """How a pose is visited."""
 
     side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
@@ -75,7 +75,7 @@ class Columns:
         return self.robot.drawing.in_reach(self.robot.drawing.commands(poses).start)
 
     def measured(
-        self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
+        self, poses: FloatArray, conditions: Sequence[PlannedConditions], noise: NoiseLevel, target_m: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows of n poses (n, k), in m and rad, under each of c conditions, and which poses close.
 
@@ -87,7 +87,7 @@ class Columns:
         rows = np.stack([self._row(c, *parts) for c in conditions], axis=1)
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
 
-    def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, BoolArray]:
+    def ladle(self, poses: FloatArray, conditions: PlannedConditions) -> tuple[FloatArray, BoolArray]:
         """Return how the working frame moves per unit of each unknown at n poses (n, k), and which close, (n,).
 
         It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
@@ -111,7 +111,12 @@ class Columns:
         return (base, moved, loads, command.drives), seen.closed & drives.closed
 
     def _row(
-        self, conditions: Conditions, base: FloatArray, drives: FloatArray, loads: FloatArray, commanded: FloatArray
+        self,
+        conditions: PlannedConditions,
+        base: FloatArray,
+        drives: FloatArray,
+        loads: FloatArray,
+        commanded: FloatArray,
     ) -> FloatArray:
         """Return columns of all unknowns, (n, 6, 12 + P).
 

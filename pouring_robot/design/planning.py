@@ -22,7 +22,7 @@ from pouring_robot.campaign.plan import random_plan, refuse_redundant
 from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.plan_rows import (
     Columns,
-    Conditions,
+    PlannedConditions,
     candidate_poses,
     covariance,
     projected_singular_values,
@@ -104,10 +104,10 @@ class Planner:
         return np.delete(columns, np.setdiff1d(np.arange(FRAMES), self._frames), axis=-1)
 
     @functools.cached_property
-    def states(self) -> tuple[Conditions, ...]:
+    def states(self) -> tuple[PlannedConditions, ...]:
         """Loads and temperatures to choose from."""
-        loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (Conditions().leg_degC,)
-        return tuple(Conditions(1, load, degrees) for degrees in temperatures for load in loads)
+        loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (PlannedConditions().leg_degC,)
+        return tuple(PlannedConditions(1, load, degrees) for degrees in temperatures for load in loads)
 
     def _rows(self, columns: Columns) -> tuple[FloatArray, FloatArray]:
         """Return poses to choose from, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
@@ -129,7 +129,7 @@ class Planner:
         return poses[closed], rows[closed].reshape(shape)
 
     def measured(
-        self, columns: Columns, poses: FloatArray, visits: Sequence[Conditions]
+        self, columns: Columns, poses: FloatArray, visits: Sequence[PlannedConditions]
     ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows (n, visits, k, 12 + P) per shown unit, and which poses close, (n,)."""
         rows, closed = columns.measured(poses, visits, self.request.noise, np.array(self.request.target_m))
@@ -219,14 +219,14 @@ class Planner:
         return ordered
 
     @one_blas_thread()
-    def quality(self, poses: FloatArray, conditions: Sequence[Conditions] | None = None) -> PlanQuality:
+    def quality(self, poses: FloatArray, conditions: Sequence[PlannedConditions] | None = None) -> PlanQuality:
         """Return what any other plan would give, for the same parameters and noise.
 
         Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
         reference temperature.
         """
         poses = np.asarray(poses, dtype=float)
-        given = list(conditions or [Conditions()] * len(poses))
+        given = list(conditions or [PlannedConditions()] * len(poses))
         unique = list(dict.fromkeys(given))
         rows, closed = self.measured(self.columns, poses, unique)
         if not closed.all():
@@ -253,7 +253,7 @@ class Planner:
             grid = grid[self.columns.reachable(grid)]
         else:
             grid, _ = self.robot.model.definition.workspace(self.robot.drawing)
-        work = Conditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
+        work = PlannedConditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
         columns, closed = self.columns.ladle(grid, work)
         return grid[closed], self._apart(columns[closed])
 
@@ -320,7 +320,7 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
     return Comparison(np.array(stds(plan.quality)), random)
 
 
-def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditions]]:
+def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[PlannedConditions]]:
     """Return rows of a random plan like the one asked for: commands (rows, k) in m and rad, and their conditions."""
     request = planner.request
     drawn = random_plan(planner.robot, request.poses, seed)
@@ -331,5 +331,5 @@ def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditi
         state = planner.states[int(random.integers(len(planner.states)))]
         for side in (1, -1) if k in both else (1,):
             poses.append(pose)
-            conditions.append(Conditions(side, state.payload_kg, state.leg_degC))
+            conditions.append(PlannedConditions(side, state.payload_kg, state.leg_degC))
     return np.array(poses), conditions

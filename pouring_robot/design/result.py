@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
-from pouring_robot.design.plan_rows import Conditions
+from pouring_robot.design.plan_rows import PlannedConditions
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.estimation.identifiability import BaseParameters, observability
@@ -95,7 +95,7 @@ class MeasurementPlan(Result):
     parameters: tuple[PlannedParameter, ...]
     left_out: tuple[str, ...]  # names of parameters that were asked for but left out: what is kept shows the same
     poses: FloatArray  # rows in the order to measure them, commands in m and rad, shape (rows, k)
-    conditions: tuple[Conditions, ...]  # of each row
+    conditions: tuple[PlannedConditions, ...]  # of each row
     pose_numbers: Indices  # which of the n poses each row is, from 1
     quality: PlanQuality
     value: float  # the criterion's index, per shown unit

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.fit_priors import FRAME_STD
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
@@ -29,7 +30,6 @@ from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, scatter
-from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError, FrameFitError

@@ -13,7 +13,7 @@ from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
 from pouring_robot.design.plan_rows import (
-    Conditions,
+    PlannedConditions,
     candidate_poses,
     covariance,
     index_slopes,
@@ -257,7 +257,7 @@ def test_same_seed_same_plan(robot, plan):
 
 def test_expected_spread_is_that_of_simulated_fits(planner, plan):
     random = np.random.default_rng(9)
-    rows, _ = planner.measured(planner.columns, plan.poses, [Conditions()])
+    rows, _ = planner.measured(planner.columns, plan.poses, [PlannedConditions()])
     frames = [k for k in range(12) if k != 7]  # the frames' shifts along y are one: see the module
     picked = rows[:, 0][..., [*frames, *range(12, rows.shape[-1])]].reshape(-1, rows.shape[-1] - 1)
     noise = random.normal(size=(len(picked), 4000))
@@ -265,7 +265,7 @@ def test_expected_spread_is_that_of_simulated_fits(planner, plan):
     sizes = np.array([p.shown_in[1] for p in plan.parameters])
     spread = fitted.std(axis=1)[11:] * sizes
     assert spread == pytest.approx(plan.quality.parameter_std, rel=0.05)
-    work = Conditions(0)
+    work = PlannedConditions(0)
     ladle, _ = planner.columns.ladle(plan.quality.ladle_poses[::97], work)
     moved = ladle[..., [*frames, *range(12, ladle.shape[-1])]] * np.r_[[1e-3] * 11, sizes] @ fitted
     assert moved.std(axis=-1) == pytest.approx(plan.quality.ladle_std[::97], rel=0.06)
@@ -283,7 +283,7 @@ def test_unit_of_names_and_columns(robot):
     """Local columns are differences of exact closures, frames aside."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), **SMALL))
     poses = planner.poses[:3]
-    rows, _ = planner.columns.measured(poses, [Conditions()], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
+    rows, _ = planner.columns.measured(poses, [PlannedConditions()], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     command = robot.kinematics.commands(poses)
     engine = planner.columns._model.engine
     for k, parameter in enumerate(planner.parameters):
@@ -299,7 +299,7 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
     """With loops so stiff that they hardly open; what opens all the same, a rigid drive shows, and is taken off."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), loads_kg=(0.0, 100.0), **SMALL))
     pose, ladle, stiffness = planner.poses[[90]], robot.layout.ladle, 1e8
-    conditions = Conditions(1, 100.0 - ladle.tare.value)
+    conditions = PlannedConditions(1, 100.0 - ladle.tare.value)
     rows, _ = planner.columns.measured(pose, [conditions], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     command = robot.kinematics.commands(pose)
     drives = dict(zip([d.joint for d in planner.columns.drives], command.drives[0], strict=True))
@@ -333,7 +333,7 @@ def test_backlash_and_expansion_columns_follow_the_drives(robot):
     request = PlanRequest(parameters=("drives",), both_sides=2, leg_degC=(20.0, 70.0), **SMALL)
     planner = Planner(robot, request)
     poses = planner.poses[:4]
-    visits = [Conditions(1, 0.0, 20.0), Conditions(-1, 0.0, 70.0)]
+    visits = [PlannedConditions(1, 0.0, 20.0), PlannedConditions(-1, 0.0, 70.0)]
     rows, _ = planner.columns.measured(poses, visits, NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
     lengths = robot.kinematics.commands(poses).drives

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.local_parameters import DriveParameter

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pouring_robot.estimation.fit_priors import FRAME_STD, prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.local_parameters import placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition

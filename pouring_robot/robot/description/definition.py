@@ -39,7 +39,7 @@ from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveE
 from pouring_robot.robot.description.urdf import (
     carriers,
     check_sound,
-    joint_limits,
+    limits_said,
     meshes_from,
     parsed,
     reach,
@@ -195,7 +195,7 @@ class RobotDefinition:
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
         for joint in joints:
-            name, (lower, upper) = str(joint.get("name")), joint_limits(joint)
+            name, (lower, upper) = str(joint.get("name")), limits_said(joint)
             value = self.file.home.get(name, lower)
             bounded = lower < upper and joint.get("type") in ("revolute", "prismatic")
             if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
@@ -208,7 +208,7 @@ class RobotDefinition:
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): joint_limits(joint) for joint in joints}
+        limits = {str(joint.get("name")): limits_said(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
             lower, upper = limits[drive.joint]
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m

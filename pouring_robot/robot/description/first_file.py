@@ -20,7 +20,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, check_sound, joint_limits, parsed, read_urdf
+from pouring_robot.robot.description.urdf import carriers, check_sound, limits_said, parsed, read_urdf
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
@@ -77,12 +77,12 @@ class _Tree:
     def homes(self) -> dict[str, float]:
         """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
         leading = {name: joint for name, joint in self.joints.items() if joint.find("mimic") is None}
-        bounded = {n: joint_limits(j) for n, j in leading.items() if j.get("type") in ("revolute", "prismatic")}
+        bounded = {n: limits_said(j) for n, j in leading.items() if j.get("type") in ("revolute", "prismatic")}
         return {name: (low + up) / 2.0 for name, (low, up) in bounded.items() if not low <= 0.0 <= up}
 
     def degrees(self) -> dict[str, str]:
         """Return the limits of joints, in words, that may be in degrees."""
-        turning = {name: joint_limits(joint) for name, joint in self.joints.items() if joint.get("type") == "revolute"}
+        turning = {name: limits_said(joint) for name, joint in self.joints.items() if joint.get("type") == "revolute"}
         return {name: f"{low:g} to {up:g} rad" for name, (low, up) in turning.items() if max(-low, up) > _DEGREES_RAD}
 
 

@@ -80,7 +80,7 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
         place = [] if origin is None else [float(value) for value in origin.get("xyz", "").split()]
         slide = 0.0
         if joint.get("type") == "prismatic":
-            slide = abs(values.get(name, 0.0)) or (float(np.ptp(joint_limits(joint))) if name in driven else 0.0)
+            slide = abs(values.get(name, 0.0)) or (float(np.ptp(limits_said(joint))) if name in driven else 0.0)
         parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
         steps.setdefault(parent, []).append((child, float(np.linalg.norm(place)) + slide))
 
@@ -113,7 +113,7 @@ def joint_axis(joint: etree._Element) -> FloatArray:
     return np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), dtype=float)
 
 
-def joint_limits(joint: etree._Element) -> tuple[float, float]:
+def limits_said(joint: etree._Element) -> tuple[float, float]:
     """Return the limits of a joint, m or rad; zeros where it says none."""
     limit = joint.find("limit")
     return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
@@ -133,7 +133,7 @@ def check_sound(root: etree._Element, source: Path | str) -> None:
         if fault:
             raise DescriptionError(source, f"{part.tag} '{part.get('name')}': {fault}")
         if part.tag == "joint":
-            slide = np.ptp(joint_limits(part)) if part.get("type") == "prismatic" else 0.0
+            slide = np.ptp(limits_said(part)) if part.get("type") == "prismatic" else 0.0
             size += float(np.linalg.norm(_three(part, "xyz", source)) + slide)
     for link in root.iterfind("link"):
         inertial = link.find("inertial")
@@ -145,7 +145,7 @@ def check_sound(root: etree._Element, source: Path | str) -> None:
 
 def _fault(part: etree._Element) -> str:
     if part.tag == "joint":
-        kind, axis, (lower, upper) = part.get("type"), joint_axis(part), joint_limits(part)
+        kind, axis, (lower, upper) = part.get("type"), joint_axis(part), limits_said(part)
         if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
             return "it has no direction; give its axis three numbers, not all zero"
         if kind in ("revolute", "prismatic") and part.find("limit") is None:

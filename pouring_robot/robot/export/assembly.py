@@ -14,7 +14,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.robot.description.urdf import joint_axis, joint_limits, origin_pose, robot_name
+from pouring_robot.robot.description.urdf import joint_axis, limits_said, origin_pose, robot_name
 from pouring_robot.robot.export.closed import ClosedRobot
 
 
@@ -193,7 +193,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
-    axis, (lower, upper) = joint_axis(entry), joint_limits(entry)
+    axis, (lower, upper) = joint_axis(entry), limits_said(entry)
     said = {key: value for part in entry.xpath("limit | dynamics") for key, value in part.attrib.items()}
     return Joint(
         name,
