@@ -259,4 +259,4 @@ def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesi
     """Return the noise with that of some kinds taken from what a hypothesis leaves over."""
     left = hypothesis.remainder
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    return noise.left_over(kinds, after.fitted_rows.component, left, np.full(len(left), free))
+    return noise.left_over(kinds, after.fitted_rows.component, left, np.full(len(left), free), fewest=0.0)

@@ -64,14 +64,21 @@ class NoiseLevel:
         return NoiseLevel({**self.kinds, **changed})
 
     def left_over(
-        self, kinds: Iterable[Kind], components: Indices, residual: FloatArray, freedom: FloatArray
+        self,
+        kinds: Iterable[Kind],
+        components: Indices,
+        residual: FloatArray,
+        freedom: FloatArray,
+        fewest: float = 1.0,
     ) -> NoiseLevel:
         """Return it with that of some kinds taken from what a fit with it leaves over, as :func:`scatter` of theirs.
 
         ``components`` is what each of the m equations is of, ``residual`` is over this noise.
         """
         chosen = {kind: are(kind, components) for kind in kinds}
-        return self.times({kind: scatter(residual[own], freedom[own]) for kind, own in chosen.items() if own.any()})
+        return self.times(
+            {kind: scatter(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
+        )
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
@@ -154,14 +161,15 @@ class NoiseLevel:
         return bool(self.open_kinds)
 
 
-def scatter(residual: FloatArray, freedom: FloatArray) -> float:
-    """Return the noise that residuals (m,) show over the one they are in units of; 1 with hardly an equation left over.
+def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> float:
+    """Return the noise that residuals (m,) show over the one they are in units of; 1 with too few equations left over.
 
     ``freedom`` (m,) is what noise makes of the square of each on average, over its variance: n equations on which p
-    unknowns were spent have n - p together.
+    unknowns were spent have n - p together. Of more than ``fewest`` something is told; where priors hold the unknowns,
+    each counted by how far the data determine it, by any share of one.
     """
     left = float(freedom.sum())
-    return float(np.sqrt(np.square(residual).sum() / left)) if left > 1.0 else 1.0
+    return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:
