@@ -5,10 +5,13 @@ sequences there, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), by
 what is drawn so that the same input gives the same answer, whatever the user's seed.
 """
 
-import enum
-from typing import Literal
+from __future__ import annotations
 
-import numpy as np
+import enum
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SENSITIVITY_SEED = 2022
 """Of the poses that sensitivity looks at, by default."""
@@ -36,9 +39,13 @@ class Stream(enum.IntEnum):
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:
     """Return the generator of one stream of a seed, a whole number from 0 on."""
+    import numpy as np  # here, as the command line asks for seeds before it loads anything
+
     return np.random.default_rng([seed, int(stream)])
 
 
 def spawned(seed: int, drawn: Literal["errors", "poses"], block: int = 0) -> np.random.Generator:
     """Return the generator of one block of what a sweep draws; its errors and its poses may carry the same seed."""
+    import numpy as np
+
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(("errors", "poses").index(drawn), block)))
