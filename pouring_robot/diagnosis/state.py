@@ -19,7 +19,7 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Channel, sums_of
-from pouring_robot.inference.search import nth_single, search
+from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
@@ -137,12 +137,20 @@ class Diagnoser:
         Far from the drawing one cause looks like another there, to first order: where a step bends by a share of the
         noise, the causes that look best at rest are each followed alone, too. What is clearly better counts.
         """
-        best = self._followed(lambda state: self._first(state, start), at)
-        alone = best.hypothesis.effects if len(best.hypothesis.effects) == 1 else ()
-        for number in range(_TRIED if best.bent > _BENT and not start else 0):
-            single = self._followed(functools.partial(self._single, number, alone))
-            if single.hypothesis.log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
-                best = single
+        likely: list[tuple[str, str]] = []
+
+        def begun(state: LinearState) -> Hypothesis:
+            first = self._first(state, start)
+            likely.extend(best_forms(first.problem, _TRIED))
+            return first
+
+        best = self._followed(begun, at)
+        known = best.hypothesis.effects
+        for key in likely if best.bent > _BENT and not start else ():
+            if known != key[:1]:
+                state, single = self.settled(*self._alone(key))
+                if single.log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
+                    best = self._followed(functools.partial(_given, single), state)
         return best.state, best.hypothesis
 
     def _followed(self, begin: Callable[[LinearState], Hypothesis], at: State | None = None) -> _Followed:
@@ -188,8 +196,12 @@ class Diagnoser:
             start = None  # other rows may have no such form: another session, forces that differ by less
         return search(problem, self.thresholds, start.on(problem) if start else None)
 
-    def _single(self, number: int, but: tuple[str, ...], state: LinearState) -> Hypothesis:
-        return nth_single(self.problem_at(state), number, but)
+    def _alone(self, key: tuple[str, str]) -> tuple[LinearState, Hypothesis]:
+        """Return one form alone at rest."""
+        state, library = self.at_rest(), replace(self.library, forms={key: self.library.forms[key]})
+        nothing = Hypothesis.nothing(self._problem(state, state.linear, library))
+        (item,) = (item for item in nothing.problem.explanations if item.key == key)
+        return state, nothing.with_item(item, nothing.candidate_bayes_factor(item).scale).settled()
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
@@ -253,6 +265,11 @@ class Diagnoser:
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""
         return self.rows.signature(local_changes(parameters, values.tolist()), linear)
+
+
+def _given(hypothesis: Hypothesis, _: LinearState) -> Hypothesis:
+    """Return what a search goes on from, wherever it is."""
+    return hypothesis
 
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -133,15 +133,15 @@ def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis
                 yield base.with_item(item, worth.scale)
 
 
-def nth_single(problem: Problem, number: int, but: Collection[str]) -> Hypothesis:
-    """Return one effect alone in its best form, of all but some, best first sight first; nothing beyond the last."""
-    nothing, seen = Hypothesis.nothing(problem), {*but}
-    for worth, item in nothing.ranked(nothing.choices):
-        if item.effect not in seen:
-            if len(seen) == len(but) + number:
-                return nothing.with_item(item, worth.scale).settled()
-            seen.add(item.effect)
-    return nothing
+def best_forms(problem: Problem, most: int) -> list[tuple[str, str]]:
+    """Return the keys of the effects that look best alone at first sight, each in its best form, best first."""
+    nothing, found = Hypothesis.nothing(problem), dict[str, tuple[str, str]]()
+    for _, item in nothing.ranked(nothing.choices):
+        if item.cause:
+            found.setdefault(item.effect, item.key)
+        if len(found) == most:
+            break
+    return list(found.values())
 
 
 def reconsidered(hypothesis: Hypothesis) -> Hypothesis:
