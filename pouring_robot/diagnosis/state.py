@@ -170,7 +170,7 @@ class Diagnoser:
             hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
             if hypothesis.keys == keys:
                 break
-        return _Followed(state, hypothesis, bent)
+        return _Followed(*self.settled(state, hypothesis), bent)
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
