@@ -24,9 +24,9 @@ from pouring_robot.diagnosis.state import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.unknown import poses, processes_of, varied
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
+from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
-from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import largest_noise

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, Signatures
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 
 SOFTNESS = "background_softness"

@@ -1,3 +1,5 @@
+from .available import all_effects as all_effects
+from .available import chosen_effects as chosen_effects
 from .base import Effect as Effect
 from .base import EffectParameter as EffectParameter
 from .base import Form as Form
@@ -6,5 +8,3 @@ from .conditions import Conditions as Conditions
 from .conditions import NominalRows as NominalRows
 from .conditions import conditions_of as conditions_of
 from .families.by_name import FAMILIES as FAMILIES
-from .registry import all_effects as all_effects
-from .registry import chosen_effects as chosen_effects

@@ -14,7 +14,7 @@ changes put in. What is not linear (a time constant, a power) tells *forms* of t
             change = {"drive.lift": 1e-3 * np.exp(-((stroke / 0.1) ** 2))}  # of the joint "lift"
             return (Form("bell", (EffectParameter("wear_1", "mm", prior_std=0.5, changes=change),)),)
 
-See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
+See :mod:`pouring_robot.effects.available` for how a package offers its effects.
 """
 
 import math

@@ -1,7 +1,7 @@
 """What a model file's effects do: changes of local parameters in the rows of a campaign, or of commands.
 
 What the file may hold is :mod:`pouring_robot.robot.effect_stack`; which effects there are
-:mod:`pouring_robot.effects.registry`.
+:mod:`pouring_robot.effects.available`.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -12,6 +12,7 @@ import numpy as np
 from pouring_robot.batch.structure import Structure
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter
 from pouring_robot.effects.conditions import (
     FORCE,
@@ -26,7 +27,6 @@ from pouring_robot.effects.conditions import (
 )
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import sources
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
 from pouring_robot.mechanism.arrays import FloatArray

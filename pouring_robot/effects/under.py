@@ -27,10 +27,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.carried import carrier, standing
 from pouring_robot.effects.conditions import of_commands, told
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.effects.stack import learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (

@@ -15,7 +15,7 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings
 
 from pouring_robot.cli.app import main
-from pouring_robot.effects.registry import all_effects
+from pouring_robot.effects.available import all_effects
 from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.hidden import HOT, NOTHING, campaign

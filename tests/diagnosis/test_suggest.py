@@ -22,7 +22,7 @@ from pouring_robot.diagnosis.suggest.suggest import (
     suggest_measurements,
     untestable_words,
 )
-from pouring_robot.effects.registry import chosen_effects
+from pouring_robot.effects.available import chosen_effects
 from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel

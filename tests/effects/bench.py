@@ -14,7 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
 from pouring_robot.effects import conditions
-from pouring_robot.effects.registry import library
+from pouring_robot.effects.available import library
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads

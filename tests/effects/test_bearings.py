@@ -9,7 +9,7 @@ from pouring_robot import diagnose
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.effects.registry import all_effects
+from pouring_robot.effects.available import all_effects
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot

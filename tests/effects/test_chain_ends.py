@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch import engine_for
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.carried import chain_ends, frame_places, grown_places
 from pouring_robot.effects.conditions import set_apart
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.made_up import bare_conditions
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism

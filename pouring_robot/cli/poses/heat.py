@@ -184,8 +184,8 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
     """Return, in a line, that the model's effects say what heat does, as the melt does; nothing if they do not."""
     if heat is None or not robot.model.conditional:
         return ()
+    from pouring_robot.effects.available import all_effects
     from pouring_robot.effects.conditions import RISE
-    from pouring_robot.effects.registry import all_effects
 
     known = all_effects(robot.model.definition)
     names = [name for name in robot.model.conditional if any(need.endswith(RISE) for need in known[name].needs)]

@@ -4,7 +4,7 @@ import zlib
 
 import pytest
 
-from pouring_robot.effects import Effect, all_effects, chosen_effects, registry
+from pouring_robot.effects import Effect, all_effects, available, chosen_effects
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -85,11 +85,11 @@ class LooseBolt(Effect):
 
 def offering(monkeypatch, *entries):
     """Let packages offer these entry points."""
-    monkeypatch.setattr(registry, "entry_points", lambda group: {registry.GROUP: entries}[group])
+    monkeypatch.setattr(available, "entry_points", lambda group: {available.GROUP: entries}[group])
 
 
 def test_the_library_is_the_contract():
-    assert tuple(effect.id for effect in registry.library(RobotModel().definition)) == CONTRACT
+    assert tuple(effect.id for effect in available.library(RobotModel().definition)) == CONTRACT
     assert tuple(all_effects())[:14] == CONTRACT
 
 
@@ -104,8 +104,8 @@ def test_entry_points_are_asked_of_the_interpreter(monkeypatch):
     """The group is part of the contract with other packages."""
     import importlib.metadata
 
-    assert registry.entry_points is importlib.metadata.entry_points
-    assert registry.GROUP == "pouring_robot.effects"
+    assert available.entry_points is importlib.metadata.entry_points
+    assert available.GROUP == "pouring_robot.effects"
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Which effects there are: those of a robot's causes, and those that packages offer.
+"""Which effects are available: those of a robot's causes, and those that packages offer.
 
 Within this package an effect is of a family (:mod:`pouring_robot.effects.families.by_name`). Another package
 offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
