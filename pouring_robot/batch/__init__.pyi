@@ -1,12 +1,12 @@
 from .compiled import CompiledEngine as CompiledEngine
-from .general import GeneralEngine as GeneralEngine
-from .general import engine_for as engine_for
+from .engine import engine_for as engine_for
 from .interface import Engine as Engine
-from .interface import HomotopyStarts as HomotopyStarts
+from .row_by_row import GeneralEngine as GeneralEngine
 from .samples import STATUS_NAMES as STATUS_NAMES
 from .samples import BatchClosure as BatchClosure
 from .samples import BatchCommand as BatchCommand
 from .samples import BatchStart as BatchStart
 from .samples import BatchTransfer as BatchTransfer
 from .samples import SiteErrors as SiteErrors
+from .starts import HomotopyStarts as HomotopyStarts
 from .structure import StarStructure as StarStructure

@@ -1,24 +1,21 @@
-"""What every batch engine offers, whatever the robot's topology, and starts where nobody knows inverse kinematics."""
+"""What every batch engine offers, whatever the robot's topology."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import Structure, fixed
-from pouring_robot.exceptions import BadInputError, ClosureError
+from pouring_robot.batch.structure import Structure
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureOptions
 from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     GeometricParameter,
     LocalParameter,
     PlacementParameter,
 )
-
-_STEPS = 8
 
 
 class Engine(ABC):
@@ -89,59 +86,3 @@ class Engine(ABC):
                 )
             chosen.append(parameter)
         return tuple(chosen)
-
-
-def closed_home(
-    mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
-) -> ClosureResult:
-    """Return a closed configuration at or near given joint values, by name in m or rad; others start at zero.
-
-    Drives stand where ``home`` says; where the loops do not close so, drives that are not named give way.
-
-    Raises:
-        UnknownJointError: a name is no joint.
-        BadInputError: a value is not finite, or a named joint has several freedoms.
-        ClosureError: the mechanism does not close there.
-    """
-    start = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
-    named = tuple(name for name in mechanism.loops.drives if name in home)
-    solver = ClosureSolver(mechanism, options=options)
-    try:
-        return solver.solve_from(start)
-    except ClosureError:
-        if len(named) == len(mechanism.loops.drives):
-            raise
-        yielding = ClosureSolver(mechanism.with_drives(named), options=options)
-        return solver.solve_from(yielding.solve_from(start).configuration)
-
-
-class HomotopyStarts:
-    """Closed poses for any drive values, followed from one closed home in even steps, all samples at once.
-
-    The last step may have an engine of its own, ``last``, that asks for more than those on the way. Raises as
-    :func:`closed_home`.
-    """
-
-    def __init__(self, engine: Engine, home: Mapping[str, float], last: Engine | None = None) -> None:
-        self.engine, self._last = engine, last or engine
-        mechanism = engine.structure.mechanism
-        closed = closed_home(mechanism, home, engine.options)
-        self._home = engine.start_at(closed.configuration[None])
-        values = closed.joint_values | dict(home)  # a configuration does not know of whole turns
-        self._home_drives = np.array([values[name] for name in mechanism.loops.drives])
-
-    def starts(self, drives: FloatArray) -> BatchStart:
-        """Return closed poses for drives (n, drives), in m and rad; NaN where a step finds none.
-
-        A serial arm needs no start: it gets its home's locked joints. Raises BadInputError where the shape is wrong.
-        """
-        drives = fixed(drives)
-        if drives.ndim != 2 or drives.shape[1] != self._home_drives.size:
-            raise BadInputError(f"drives must have the shape (n, {self._home_drives.size}), not {drives.shape}")
-        start = self._home[np.zeros(len(drives), dtype=np.int64)]
-        serial = not self.engine.structure.mechanism.anchors
-        for step in range(_STEPS if serial else 1, _STEPS + 1):
-            share = step / _STEPS
-            engine = self._last if step == _STEPS else self.engine
-            start = engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
-        return start

@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.general import engine_for
-from pouring_robot.batch.interface import Engine, closed_home
+from pouring_robot.batch import engine_for
+from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.starts import closed_home
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
 from pouring_robot.io.files import read_text
 from pouring_robot.mechanism.arrays import FloatArray

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch.general import GeneralEngine
+from pouring_robot.batch import GeneralEngine
 from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads

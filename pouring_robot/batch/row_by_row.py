@@ -1,6 +1,6 @@
-"""Which engine a mechanism gets, and that of any mechanism: any loops, joints of several freedoms, shared joints.
+"""The engine of any mechanism, row by row with Pinocchio: any loops, joints of several freedoms, shared joints.
 
-Row by row with Pinocchio, it gives what the one-at-a-time solver and G give, and is as fast as they are.
+It gives what the one-at-a-time solver and G give, and is as fast as they are.
 """
 
 from collections.abc import Callable
@@ -8,12 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.kernels.closing import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joint
-from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnsupportedMechanismError
+from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
@@ -106,15 +105,3 @@ def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     moving = [n for n in every if n not in common and n not in loops.cut_joints and model.existJointName(n)]
     seats = (seat_joint(mechanism, i) for i in range(len(loops.loops)))
     return tuple(dict.fromkeys([*moving, *(name for name in seats if name and name not in loops.cut_joints)]))
-
-
-def engine_for(
-    mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
-) -> Engine:
-    """Return the fastest engine that takes a mechanism; results do not depend on it. Raises as the engines do."""
-    if mechanism.loops.redundant_drives:
-        return GeneralEngine(mechanism, options)
-    try:
-        return CompiledEngine(mechanism, threads, options)
-    except UnsupportedMechanismError:  # no star, no serial arm
-        return GeneralEngine(mechanism, options)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch import BatchStart, CompiledEngine, GeneralEngine, HomotopyStarts, SiteErrors, engine_for
-from pouring_robot.batch.interface import closed_home
+from pouring_robot.batch.starts import closed_home
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
