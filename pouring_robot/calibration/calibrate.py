@@ -31,8 +31,7 @@ from pouring_robot.estimation.map_fit import (
     seen_from_one_place,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise_source import noise_beforehand
-from pouring_robot.estimation.repeats import repeats
+from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError

@@ -29,8 +29,7 @@ from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
-from pouring_robot.estimation.noise import largest_noise
-from pouring_robot.estimation.noise_source import noise_beforehand
+from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split
 from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.inference.decision import judge, without_minor

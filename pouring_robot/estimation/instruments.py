@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.exceptions import BadInputError
@@ -208,3 +209,19 @@ class Closures(Instrument):
         if prediction.disagreement is None:
             raise BadInputError("the prediction's engine knows nothing of redundant drives")
         return -prediction.disagreement
+
+
+def instruments_of(campaign: Campaign) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
+    """Return what was measured in a campaign, in the order of components, each with a noise of 1 m or rad for now.
+
+    Rows without all drives count as not measured.
+    """
+    usable, seen, others = campaign.usable, campaign.measured_poses, list[Instrument]()
+    seen.position_m[~usable], seen.rotation[~usable] = np.nan, np.nan
+    redundant, distance = campaign.redundant_drives, campaign.distance_m
+    if redundant or distance is not None:
+        length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
+        others.append(Distances(1.0, length, np.arange(len(campaign)), campaign.distance_start))
+    if redundant:
+        others.append(Closures(1.0, np.repeat(usable[:, None], redundant, axis=1)))
+    return (Places(1.0, seen.position_m), Turns(1.0, seen.rotation), *others)

@@ -1,8 +1,10 @@
 """The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
-Before a fit it is as stated, or the scatter of repeats (:mod:`pouring_robot.estimation.noise_source`). Where it is
-neither, :meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both
-agree. From where on that is too large to pass for noise, :func:`largest_noise` says.
+Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
+:meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree:
+``noise_left_over`` of a calibration (:mod:`pouring_robot.estimation.map_fit`), ``noise_left`` of a diagnosis
+(:mod:`pouring_robot.diagnosis.diagnoser`). From where on that is too large to pass for noise, :func:`largest_noise`
+says.
 """
 
 from __future__ import annotations
@@ -12,7 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.instruments import instruments_of
 from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -21,6 +28,8 @@ Source = Literal["stated", "repeats", "residuals", "none"]
 LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
+_FEWEST_FREEDOMS = 12
+_SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
 
 
 @dataclass(frozen=True)
@@ -159,6 +168,59 @@ class NoiseLevel:
     def from_residuals(self) -> bool:
         """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
         return bool(self.open_kinds)
+
+
+def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
+    """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
+    facts, measured = campaign.metadata, instruments_of(campaign)
+    places, turns = measured[:2]
+    stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
+    shown = repeat_noise(PoseStack(places.position_m, turns.rotation), repeats(campaign, rows))
+    there = {instrument.kind for instrument in measured if instrument.known.any()}
+    found: dict[Kind, Noise] = {}
+    for kind, given, seen in zip(KINDS, stated, (*shown, None, None), strict=True):
+        noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
+        found[kind] = noise if kind in there else Noise(noise.sigma)
+    return NoiseLevel(found)
+
+
+def commands(drives: FloatArray) -> NDArray[np.int64]:
+    """Return commanded drives (n, D), in m and rad, as whole numbers that are equal where the command is the same."""
+    return np.round(drives / _SAME_DRIVE).astype(np.int64)
+
+
+def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
+    """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
+    drives = commands(campaign.drives[rows])
+    approach = np.zeros((rows.size, 1)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k, row in enumerate(rows.tolist()):
+        key = (campaign.sessions[row], *drives[k].tolist(), *approach[k].tolist())
+        groups.setdefault(key, []).append(row)
+    return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+
+
+def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:
+    """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
+    sums, freedoms = np.zeros(2), np.zeros(2)
+    for rows in groups:
+        for column in measured.position_m[rows].T:
+            values = column[np.isfinite(column)]
+            if values.size > 1:
+                sums[0] += float(((values - values.mean()) ** 2).sum())
+                freedoms[0] += values.size - 1
+        turned = measured.rotation[rows][np.isfinite(measured.rotation[rows]).all(axis=(1, 2))]
+        if len(turned) > 1:
+            stack = Rotation.from_matrix(turned)
+            sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
+            freedoms[1] += 3 * (len(turned) - 1)
+    found = [
+        Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
+        if freedom >= _FEWEST_FREEDOMS and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
+        else None
+        for total, freedom in zip(sums, freedoms, strict=True)
+    ]
+    return found[0], found[1]
 
 
 def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import Closures, Distances, Instrument, Places, Turns
+from pouring_robot.estimation.instruments import Distances, Instrument, Places, Turns, instruments_of
 from pouring_robot.estimation.measurement import Differentiated, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
@@ -40,16 +40,8 @@ class MeasuredPoses(PoseStack):
     @classmethod
     def from_campaign(cls, campaign: Campaign, noise: NoiseLevel) -> MeasuredPoses:
         """Take the measured columns of a campaign; rows without all drives count as not measured."""
-        usable, seen, others = campaign.usable, campaign.measured_poses, list[Instrument]()
-        seen.position_m[~usable], seen.rotation[~usable] = np.nan, np.nan
-        redundant, distance = campaign.redundant_drives, campaign.distance_m
-        if redundant or distance is not None:
-            length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
-            rows = np.arange(len(campaign))
-            others.append(Distances(noise["distance"].sigma, length, rows, campaign.distance_start))
-        if redundant:
-            others.append(Closures(noise["closure"].sigma, np.repeat(usable[:, None], redundant, axis=1)))
-        return cls(seen.position_m, seen.rotation, noise.position_m, noise.rotation_rad, tuple(others))
+        places, turns, *others = instruments_of(campaign)
+        return cls(places.position_m, turns.rotation, 1.0, 1.0, tuple(others)).with_noise(noise)
 
     def __getitem__(self, rows: Indices | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""

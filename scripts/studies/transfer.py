@@ -21,7 +21,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.estimation.noise_source import noise_beforehand
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.estimation.splits import split
 from pouring_robot.robot.model import RobotModel
 

@@ -19,8 +19,7 @@ from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.kinds import KINDS, component_name, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.noise_source import noise_beforehand
+from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.local_parameters import DriveParameter

@@ -8,9 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.estimation import map_fit
 from pouring_robot.estimation.map_fit import first_frames, identify, noise_left_over
-from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
-from pouring_robot.estimation.noise_source import noise_beforehand
-from pouring_robot.estimation.repeats import repeat_noise, repeats
+from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel, noise_beforehand, repeat_noise, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of

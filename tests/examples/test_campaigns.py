@@ -15,7 +15,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames.fit import fit_frames
-from pouring_robot.estimation.noise_source import noise_beforehand
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.robot.model import RobotModel
 from tests.examples.campaigns import main, write
 from tests.examples.effects import EFFECTS, LARGEST, effects_of

@@ -20,7 +20,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.map_fit import seen_from_one_place
-from pouring_robot.estimation.noise_source import noise_beforehand
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism

@@ -9,7 +9,7 @@ from pouring_robot.diagnosis.unknown import shown
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.kinds import component_name
-from pouring_robot.estimation.repeats import commands
+from pouring_robot.estimation.noise import commands
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _FEWEST = 6
