@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
+from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.held_out import InTurn
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.state import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import WhitenedRows
-from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.estimation.splits import KNOWN, HoldOut, Split, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.inference.decision import Cause

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.diagnoser import State
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
 from pouring_robot.diagnosis.named_effects import NamedEffect
-from pouring_robot.diagnosis.state import State
 from pouring_robot.effects.base import Effect, EffectParameter, channel
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import Axis, axis_over, of_drives

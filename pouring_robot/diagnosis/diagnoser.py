@@ -1,4 +1,4 @@
-"""The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
+"""The search of a diagnosis: what is found is put into the robot, which is linearised again until nothing moves."""
 
 import functools
 from collections.abc import Callable, Iterable
