@@ -1,4 +1,4 @@
-r"""Evidence for a group of columns: how much better data are explained if their coefficients may differ from zero.
+r"""Evidence: how much better data are explained if the coefficients of a group of columns may differ from zero.
 
 Whitened residuals r are Gaussian with covariance :math:`C = I + \sum_k \Phi_k W_k^2 \Phi_k^T`: each group k of columns
 counts with independent coefficients of standard deviations :math:`W_k`. All that is asked of C are inner products of
@@ -13,6 +13,8 @@ the group's columns seen through C, and squared projections of the residual):
 
 and is averaged over both, spread evenly in their logarithm, so that a group pays for columns it does not need
 (Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, ch. 5; MacKay, Neural Computation 4, 1992).
+That is its Bayes factor (:func:`bayes_factor`); of them the evidence of several groups at work together is made
+(:func:`evidence_together`), by which hypotheses are compared.
 """
 
 from __future__ import annotations
@@ -231,6 +233,19 @@ def bayes_factor(
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
     return BayesFactor(evidence, Scale(float(np.exp(LOG_SCALES[best])), scales[shape].shaping), peak)
+
+
+def evidence_together(log_posterior: float, factors: Sequence[BayesFactor], log_priors: Sequence[float]) -> float:
+    """Return the log evidence of groups of columns at work together, up to a constant of the data, in nats.
+
+    Args:
+        log_posterior: at their settled scales: the density of the residual, and the prior of all that is no group.
+        factors: what each group is worth beside the others: what averaging over its scales adds, all others held, is
+            the difference of its evidence and its peak.
+        log_priors: of each group being at work.
+    """
+    averaged = sum(factor.evidence - factor.peak for factor in factors)
+    return log_posterior + averaged + sum(log_priors)
 
 
 def most_evidence(

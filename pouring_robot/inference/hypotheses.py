@@ -17,6 +17,7 @@ from pouring_robot.inference.evidence import (
     Scale,
     bayes_factor,
     chunks,
+    evidence_together,
     most_evidence,
     most_within,
 )
@@ -162,14 +163,10 @@ class Hypothesis:
 
     @functools.cached_property
     def log_evidence(self) -> float:
-        """Log evidence, up to a constant of the problem, in nats; forms are as likely as each other.
-
-        It is the posterior at settled scales and levels and, item by item, what averaging over the item's scales adds,
-        those of all others held.
-        """
-        found = [self.item_bayes_factor(k) for k in range(len(self.items))]
-        averaged = sum(one.evidence - one.peak for one in found)
-        return self._log_posterior + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
+        """Log evidence, up to a constant of the problem, in nats; forms are as likely as each other."""
+        factors = [self.item_bayes_factor(k) for k in range(len(self.items))]
+        priors = [self.problem.log_priors[item.effect] for item in self.items]
+        return evidence_together(self._log_posterior, factors, priors)
 
     @property
     def _log_posterior(self) -> float:
