@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.special
 
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
@@ -42,8 +41,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
-
-_SURE = 1e-3  # chance at which residuals count as larger than the noise
 
 
 @dataclass(frozen=True)
@@ -143,10 +140,6 @@ def calibrate(
         refused = Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
-    # By how much residuals exceed the noise, where that is no accident.
-    freedom = fit.freedom()
-    accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, fit.chi_square()) >= _SURE
-    inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     used, seen = measured.among(parts.train)
@@ -168,13 +161,14 @@ def calibrate(
         refused=refused,
         untold=untold,
         fit=fit,
-        inflation=inflation,
         unknown_units=chosen.model.units,
         before=before,
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.covariance * inflation**2, located=located, turned=turned),
+        ladle=ladle_uncertainty(
+            workspace, fit.unknowns, fit.covariance * fit.inflation**2, located=located, turned=turned
+        ),
         performance=pose_performance(measured, before, after, alike),
     )
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.intervals import Movement, ParameterLine
 from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns, values_a_row
 from pouring_robot.calibration.selection import Refusal, Selection
 from pouring_robot.campaign.data import Campaign
@@ -17,6 +16,7 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
+from pouring_robot.estimation.intervals import Estimate
 from pouring_robot.estimation.kinds import KINDS, are, kind_of
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.noise import NoiseLevel
@@ -29,6 +29,11 @@ from pouring_robot.robot.parameter_catalogue import ParameterGroup
 
 if TYPE_CHECKING:
     import pandas
+
+LEARNT = 0.5
+"""A parameter is measured when the data took at least this share of its prior variance away."""
+SEEN = 0.01
+"""Below this share no pose of the campaign shows a parameter by itself."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +52,6 @@ class CalibrationFindings(Result):
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
     untold: tuple[str, ...]  # effects of the model that nobody learned as some rows stood, taken as none there; a line
     fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
-    inflation: float  # factor on all standard deviations where the residuals are larger than the noise; 1 where not
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, 6),
     # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
@@ -57,6 +61,11 @@ class CalibrationFindings(Result):
     rank_anywhere: int  # its rank if poses all over the workspace were measured besides, and the same way
     ladle: LadleUncertainty
     performance: PosePerformance | None  # ISO 9283-style figures; None without repeats
+
+    @property
+    def inflation(self) -> float:
+        """Factor on all standard deviations where the residuals are larger than the noise; 1 where not."""
+        return self.fit.inflation
 
     @property
     def std(self) -> FloatArray:
@@ -126,6 +135,37 @@ class CalibrationFindings(Result):
             for p in parameter_lines(self)
         ]
         return pandas.DataFrame(rows, columns=names)
+
+
+@dataclass(frozen=True)
+class Movement(Estimate):
+    """A parameter, or a combination that the campaign determines, in mm or mrad, on top of the present model."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+
+    @property
+    def surprise(self) -> float:
+        """How many standard deviations it is off."""
+        return abs(self.value) / self.std
+
+
+@dataclass(frozen=True)
+class ParameterLine(Movement):
+    """One parameter: the group it was kept with, and the share of its prior variance that the data took away."""
+
+    group: str
+    learnt: float
+
+    @property
+    def verdict(self) -> str:
+        """What to make of it, in words."""
+        if self.learnt < LEARNT:
+            return "held by its tolerance"
+        return "moved" if self.moved else "measured, not off"
 
 
 def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:

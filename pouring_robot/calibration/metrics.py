@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import Z95, FloatArray, Indices, rms
+from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
 
 _FEWEST_REPEATS = 3
 

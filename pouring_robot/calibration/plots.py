@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
-from pouring_robot.calibration.intervals import SEEN
+from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
 from pouring_robot.calibration.metrics import length_columns, row_lengths, values_a_row
 from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_NAMES = 60

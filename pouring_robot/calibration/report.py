@@ -8,8 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.calibration.findings import CalibrationFindings, combination_lines, group_effects, parameter_lines
-from pouring_robot.calibration.intervals import SEEN, Movement, ParameterLine
+from pouring_robot.calibration.findings import (
+    SEEN,
+    CalibrationFindings,
+    Movement,
+    ParameterLine,
+    combination_lines,
+    group_effects,
+    parameter_lines,
+)
 from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import (
     MODEL,

@@ -8,16 +8,22 @@ from typing import Any
 import numpy as np
 import scipy.special
 
-from pouring_robot.calibration.findings import CalibrationFindings, combination_lines, group_effects, parameter_lines
-from pouring_robot.calibration.intervals import LEARNT, Movement
+from pouring_robot.calibration.findings import (
+    LEARNT,
+    CalibrationFindings,
+    Movement,
+    combination_lines,
+    group_effects,
+    parameter_lines,
+)
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import counted, some
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel

@@ -4,11 +4,12 @@ import math
 from dataclasses import dataclass
 
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.estimation.intervals import Estimate
 from pouring_robot.inference.decision import Cause
 
 
 @dataclass(frozen=True, eq=False)
-class FoundParameter:
+class FoundParameter(Estimate):
     """One parameter with its value."""
 
     parameter: EffectParameter  # what it changes

@@ -17,7 +17,6 @@ changes put in. What is not linear (a time constant, a power) tells *forms* of t
 See :mod:`pouring_robot.effects.available` for how a package offers its effects.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +27,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.arrays import Z95, FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 LocalChanges = Mapping[str, FloatArray]
@@ -145,14 +144,6 @@ class Effect(ABC):
         if name not in found:
             raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
         return found[name]
-
-
-def value_and_half_width(value: float, std: float) -> tuple[str, str]:
-    """Return a value and its 95 % half width as text, two digits of the latter."""
-    half = Z95 * std
-    digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
-    digits = min(max(digits, 0), 6)
-    return f"{value:+.{digits}f}", f"{half:.{digits}f}"
 
 
 def not_for(robot: RobotDefinition) -> str:

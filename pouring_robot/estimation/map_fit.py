@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import scipy.special
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
@@ -37,6 +38,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
 _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
+_SURE = 1e-3  # chance at which residuals count as larger than the noise
 _NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
 """Of n equations the noise is known to 1 / sqrt(2 n): closer than 1 % only of more than 5000. Rounds are cheap, as each
 begins where the one before ended, so that even a noise that creeps settles."""
@@ -204,6 +206,13 @@ class Fit:
     def scatter(self) -> float:
         """Return the noise that the residuals show over the one assumed."""
         return scatter(*self.left_over)
+
+    @property
+    def inflation(self) -> float:
+        """Factor on all standard deviations: by how much residuals exceed the noise where that is no accident, or 1."""
+        freedom = self.freedom()
+        accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, self.chi_square()) >= _SURE
+        return 1.0 if accident else self.scatter()
 
 
 def identify(

@@ -1,4 +1,4 @@
-"""Arrays that must not change under their reader's hands, grids, even choices of rows, their RMS, normal deviates."""
+"""Arrays that must not change under their reader's hands, grids, even choices of rows, their RMS."""
 
 import copyreg
 from collections.abc import Mapping
@@ -14,9 +14,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
-
-Z95 = 1.959963984540054
-"""Half the 95 % interval of a normal deviate."""
 
 
 def as_columns(found: FloatArray) -> FloatArray:

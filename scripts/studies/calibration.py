@@ -25,6 +25,7 @@ from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.map_fit import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
@@ -33,7 +34,7 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import Z95, BoolArray, FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import all_parameters
 from pouring_robot.robot.pouring_robot import PouringRobot

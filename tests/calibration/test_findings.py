@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
-from pouring_robot.calibration.findings import combination_lines, group_effects, parameter_lines
-from pouring_robot.calibration.intervals import ParameterLine
+from pouring_robot.calibration.findings import ParameterLine, combination_lines, group_effects, parameter_lines
 from pouring_robot.estimation.frames.outer import FRAMES
 from tests.campaign.simulated import SIGMA_M
 

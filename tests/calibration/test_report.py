@@ -20,8 +20,8 @@ from pouring_robot.calibration.report import (
     split_line,
 )
 from pouring_robot.calibration.summary import calibration_metrics
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.noise import Noise, NoiseLevel
-from pouring_robot.mechanism.arrays import Z95
 
 
 def test_the_headline_says_the_outcome(found, unchanged):

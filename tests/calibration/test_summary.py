@@ -43,7 +43,10 @@ def test_warnings(found):
     assert not any("do not use" in line for line in warnings_of(found))
     other = DataFlag(FlagCode.ANOTHER_ROBOT, FlagCode.ANOTHER_ROBOT.severity, "names another", "mend")
     assert "names another" in warnings_of(replace(found, flags=(other,)))
-    assert any("3.00 times the noise" in line for line in warnings_of(replace(found, inflation=3.0)))
+    fit = found.fit
+    larger = replace(fit.equations, residual=3.0 / fit.scatter() * fit.equations.residual)
+    large = replace(found, fit=replace(fit, equations=larger))
+    assert any("3.00 times the noise" in line for line in warnings_of(large))
 
 
 def test_what_is_worse_is_told_of_every_kind(found):

@@ -14,9 +14,8 @@ from pouring_robot.diagnosis.report.sentences import (
     worse_sentence,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
-from pouring_robot.effects.base import value_and_half_width
+from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.io.units import MM
-from pouring_robot.mechanism.arrays import Z95
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
 _ADDED = (
@@ -86,7 +85,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
             ", ".join(
                 word
                 for word, holds in (
-                    ("clear", found.std > 0.0 and abs(found.value) > Z95 * found.std),
+                    ("clear", found.moved),
                     ("only shapes it", not found.parameter.main),
                 )
                 if holds

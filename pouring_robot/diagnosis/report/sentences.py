@@ -14,8 +14,8 @@ from pouring_robot.diagnosis.held_out import FEWEST_VALUES
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE
-from pouring_robot.effects.base import value_and_half_width
 from pouring_robot.effects.facts import facts_of, sources
+from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, unit_of
 from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
