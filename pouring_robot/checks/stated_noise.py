@@ -181,7 +181,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
     place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(robot.payload_frame).translation
     moved = engine.transfer(closed, drive_parameters(mechanism)).matrix
-    share = by_a_newton(up_in_base(mechanism), moved, closed.rotation @ np.array(place))
+    share = by_a_newton(up_in_base(mechanism), moved, closed.rotation, place)
     forces = [own_force(mechanism, engine.structure.configurations(closed.joints)), share]
     loads = campaign.conditions.get("payload")
     if loads is not None and np.isfinite(loads[rows]).any():

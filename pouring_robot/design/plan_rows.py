@@ -106,8 +106,7 @@ class Columns:
         drives = modelled.with_parameters(self.drives).linearise(Unknowns.zero(frames, len(self.drives)))
         base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
         moved = by_drive[:, :, FRAMES:]
-        arm = np.nan_to_num(drives.rotation) @ (self._ladle_at - target_m)
-        loads = by_a_newton(self._up, moved, arm)
+        loads = by_a_newton(self._up, moved, np.nan_to_num(drives.rotation), self._ladle_at - target_m)
         return (base, moved, loads, command.drives), seen.closed & drives.closed
 
     def _row(

@@ -364,12 +364,11 @@ def _loads(
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if place is None:
         return None, nominal.own_force, None, own
-    arm = nominal.rotation @ np.array(place)
-    share = by_a_newton(nominal.up, nominal.by_drive, arm)
+    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation, place)
     if tare is None or payload_kg is None:
         return None, nominal.own_force, share, own
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, arm)).T
+    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation, place)).T
     moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments

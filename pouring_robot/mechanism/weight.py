@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -22,14 +23,16 @@ def up_in_base(mechanism: ClosedChainMechanism) -> FloatArray:
     return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
 
 
-def by_a_newton(up: FloatArray, moved: FloatArray, arm: FloatArray) -> FloatArray:
+def by_a_newton(up: FloatArray, moved: FloatArray, rotation: FloatArray, place: ArrayLike) -> FloatArray:
     """Return what a newton of weight on the end body puts on what moves it, (n, p), in N/N and Nm/N.
 
     Args:
         up: direction against gravity in the base, (3,).
         moved: derivative of the pose of a frame on the end body, in base axes, (n, 6, p).
-        arm: from that frame's origin to the weight in base axes, (n, 3).
+        rotation: axes of the end body, (n, 3, 3).
+        place: of the weight, from that frame's origin in axes of the end body, (3,), in m.
     """
+    arm = rotation @ np.asarray(place)
     lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
     return np.asarray(-np.einsum("c,ncp->np", up, lifted))
 
