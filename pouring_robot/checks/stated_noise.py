@@ -32,8 +32,8 @@ from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
-from pouring_robot.robot.description.definition import Drive
 from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.description.drive import Drive
 
 FALSE_ALARMS = 1e-3
 """Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""

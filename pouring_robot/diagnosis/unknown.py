@@ -24,7 +24,7 @@ from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, su
 from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS
-from pouring_robot.robot.description.definition import Drive
+from pouring_robot.robot.description.drive import Drive
 
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""

@@ -22,7 +22,8 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.mechanism.weight import by_a_newton
 from pouring_robot.robot.description.cause_types import Causes
-from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE, LOAD = "_rise_k", "_force", "payload_kg"

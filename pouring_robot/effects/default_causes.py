@@ -11,7 +11,8 @@ from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.cause_types import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
-from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drive import Drive
 
 HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
 """How large each order of an error that is bound to a joint's own angle is expected over the first. What makes it

@@ -10,7 +10,7 @@ import pytest
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.effects.families.drives import Periodic
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
-from pouring_robot.robot.description.definition import Drive
+from pouring_robot.robot.description.drive import Drive
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
 from tests.support import round_off

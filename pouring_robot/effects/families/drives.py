@@ -12,7 +12,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.intervals import Z95, value_and_half_width
 from pouring_robot.io.units import MM, shown_in
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.definition import Drive
+from pouring_robot.robot.description.drive import Drive
 
 _SHOWN_ORDERS = 3
 _TURN = 2.0 * np.pi

@@ -17,9 +17,9 @@ import functools
 import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from lxml import etree
@@ -27,7 +27,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.typed_yaml import validate, yaml_text
-from pouring_robot.io.units import MM, joint_shown_in
+from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -35,7 +35,8 @@ from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drawing import Drawing, agreed
-from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, DriveEntry, RobotFile
+from pouring_robot.robot.description.drive import Drive
+from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, RobotFile
 from pouring_robot.robot.description.urdf import (
     carriers,
     check_sound,
@@ -76,42 +77,6 @@ ROTATIONS, SLIDES = "rotations", "slides"
 """Groups of the drives that a file names in none: angles and lengths."""
 
 
-@dataclass(frozen=True)
-class Drive:
-    """One drive."""
-
-    joint: str  # the URDF joint that it moves
-    column: str  # name of its campaign column, without unit
-    unit: Literal["m", "rad"]  # of the joint, ``m`` or ``rad``
-    command: Literal["length", "angle"]  # kind of the commanded quantity, which decides the units of its column
-    factor: float = 1.0  # by how much the joint moves (SI) for a command of one (SI)
-    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
-    symbol: str = ""  # short name in tables and parameters
-    words: str = ""  # name in sentences
-
-    @property
-    def approach_column(self) -> str:
-        """Name of the campaign column that says from which side it came."""
-        return f"approach_{self.column}"
-
-    @property
-    def force_column(self) -> str:
-        """Name of the campaign column that says what it carries."""
-        return f"force_{self.column}"
-
-    def value(self, command: FloatArray) -> FloatArray:
-        """Return the joint's value for commands, in m or rad; same shape."""
-        return np.asarray(command * self.factor + self.zero)
-
-    def commanded(self, value: FloatArray) -> FloatArray:
-        """Return the command (SI) for values of the joint; same shape."""
-        return np.asarray((value - self.zero) / self.factor)
-
-    def side(self, side: FloatArray) -> FloatArray:
-        """Return the joint's side of approach for the command's, +1 rising, or the other way round; same shape."""
-        return np.asarray(side * np.sign(self.factor))
-
-
 class RobotDefinition:
     """A robot of the drawing, by its file and path; raises DescriptionError where what they say is wrong."""
 
@@ -133,7 +98,7 @@ class RobotDefinition:
         check_sound(root, self.source)
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
-        self.drives = tuple(self._drive(entry, kinds) for entry in file.drives)
+        self.drives = tuple(Drive.of(entry, kinds, path) for entry in file.drives)
         for name in (*file.travel, *file.home):
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
@@ -218,21 +183,6 @@ class RobotDefinition:
                 problem = f"drive '{drive.joint}': zero {drive.zero:g} {drive.unit} is nowhere near its range"
                 mend = f"zero is in m or rad: write {drive.zero:g} {unit} as {drive.zero * si:.6g}"
                 raise DescriptionError(self.path, f"{problem}; {mend}")
-
-    def _drive(self, entry: DriveEntry, kinds: Mapping[str, str]) -> Drive:
-        kind = kinds.get(entry.joint)
-        if kind not in ("prismatic", "revolute", "continuous"):
-            what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
-            near = closest(entry.joint, kinds) if kind is None else ""
-            raise DescriptionError(self.path, f"drive '{entry.joint}' {what}{near}")
-        turns, factor = kind != "prismatic", entry.ratio
-        if entry.mm_per_turn is not None:
-            if turns:
-                raise DescriptionError(self.path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
-            factor = entry.mm_per_turn * MM / (2.0 * math.pi)
-        column = entry.column or entry.joint
-        command: Literal["length", "angle"] = "angle" if turns or entry.mm_per_turn is not None else "length"
-        return Drive(entry.joint, column, "rad" if turns else "m", command, factor, entry.zero, column, column)
 
     @property
     def source(self) -> Path:

@@ -1,0 +1,72 @@
+"""A drive: the joint that it moves, what it is called in files, and what is commanded for a value of its joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pouring_robot.exceptions import DescriptionError, closest
+from pouring_robot.io.units import MM
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description.robot_file import DriveEntry
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive."""
+
+    joint: str  # the URDF joint that it moves
+    column: str  # name of its campaign column, without unit
+    unit: Literal["m", "rad"]  # of the joint, ``m`` or ``rad``
+    command: Literal["length", "angle"]  # kind of the commanded quantity, which decides the units of its column
+    factor: float = 1.0  # by how much the joint moves (SI) for a command of one (SI)
+    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
+    symbol: str = ""  # short name in tables and parameters
+    words: str = ""  # name in sentences
+
+    @classmethod
+    def of(cls, entry: DriveEntry, kinds: Mapping[str, str], path: Path) -> Drive:
+        """Return the drive of an entry of the robot file at a path; ``kinds``: what each joint of the URDF is.
+
+        Raises DescriptionError where the entry's joint is none that drives, or has a ratio that is not its own.
+        """
+        kind = kinds.get(entry.joint)
+        if kind not in ("prismatic", "revolute", "continuous"):
+            what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
+            near = closest(entry.joint, kinds) if kind is None else ""
+            raise DescriptionError(path, f"drive '{entry.joint}' {what}{near}")
+        turns, factor = kind != "prismatic", entry.ratio
+        if entry.mm_per_turn is not None:
+            if turns:
+                raise DescriptionError(path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
+            factor = entry.mm_per_turn * MM / (2.0 * math.pi)
+        column = entry.column or entry.joint
+        command: Literal["length", "angle"] = "angle" if turns or entry.mm_per_turn is not None else "length"
+        return cls(entry.joint, column, "rad" if turns else "m", command, factor, entry.zero, column, column)
+
+    @property
+    def approach_column(self) -> str:
+        """Name of the campaign column that says from which side it came."""
+        return f"approach_{self.column}"
+
+    @property
+    def force_column(self) -> str:
+        """Name of the campaign column that says what it carries."""
+        return f"force_{self.column}"
+
+    def value(self, command: FloatArray) -> FloatArray:
+        """Return the joint's value for commands, in m or rad; same shape."""
+        return np.asarray(command * self.factor + self.zero)
+
+    def commanded(self, value: FloatArray) -> FloatArray:
+        """Return the command (SI) for values of the joint; same shape."""
+        return np.asarray((value - self.zero) / self.factor)
+
+    def side(self, side: FloatArray) -> FloatArray:
+        """Return the joint's side of approach for the command's, +1 rising, or the other way round; same shape."""
+        return np.asarray(side * np.sign(self.factor))
