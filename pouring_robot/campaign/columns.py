@@ -5,11 +5,14 @@ temperatures in °C, as the names of the fields say.
 """
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pouring_robot.io.quantities import Quantity, QuantityTable
+from pouring_robot.exceptions import CampaignError
+from pouring_robot.io.quantities import Quantity, QuantityTable, read_quantities
+from pouring_robot.io.tables import Table
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description import robot_file
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -61,6 +64,13 @@ def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
         Quantity(DISTANCE, "length"),
         Quantity(DISTANCE_FROM, "label"),
     )
+
+
+def read_columns(table: Table | Path, robot: RobotDefinition) -> QuantityTable:
+    """Return the columns of a campaign's table, read if need be; raises CampaignError where they are wrong."""
+    quantities = campaign_columns(robot)
+    example = next(quantity for quantity in quantities if quantity.required).headings[-1]
+    return read_quantities(table, quantities, example, CampaignError)
 
 
 def array_names(robot: RobotDefinition) -> dict[str, tuple[str, ...]]:

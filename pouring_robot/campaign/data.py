@@ -26,8 +26,8 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import write_together
 from pouring_robot.io.given import as_tuple, expect
-from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault, read_quantities
-from pouring_robot.io.tables import Table, table_of
+from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault
+from pouring_robot.io.tables import table_of
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, finite, locked, numbers, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.rotations import rotation_matrices
@@ -157,7 +157,7 @@ class Campaign(Result):
         expect(path, Path | str, "a campaign is read from the path of its table, and from_frame takes a data frame")
         path, robot = Path(path), definition_of(robot)
         try:
-            table = _quantities_in(path, robot)
+            table = columns.read_columns(path, robot)
         except CampaignError as problem:
             _refuse_campaign_of_another(path, robot, problem)
             raise
@@ -185,14 +185,13 @@ class Campaign(Result):
         robot, path = definition_of(robot), Path(path)
         if not isinstance(metadata, CampaignMetadata):
             metadata = metadata_in(metadata, path.with_suffix(".yaml"))
-        return cls._of_table(_quantities_in(table_of(frame, path, CampaignError), robot), robot, metadata)
+        return cls._of_table(columns.read_columns(table_of(frame, path, CampaignError), robot), robot, metadata)
 
     @classmethod
     def _of_table(cls, table: QuantityTable, robot: RobotDefinition, metadata: CampaignMetadata) -> Campaign:
-        arrays = columns.arrays_from(table.numbers, robot)
+        arrays, sessions = columns.arrays_from(table.numbers, robot), columns.sessions_of(table)
         if metadata.approach == FROM_THE_ROW_BEFORE:
-            time = arrays["conditions"].get("time")
-            came = columns.from_the_row_before(arrays["drives"], time, columns.sessions_of(table))
+            came = columns.from_the_row_before(arrays["drives"], arrays["conditions"].get("time"), sessions)
             stated = arrays.get("approach", np.full(came.shape, np.nan))
             arrays["approach"] = np.where(np.isfinite(stated), stated, came)
         found = cls(
@@ -201,7 +200,7 @@ class Campaign(Result):
             metadata=metadata,
             lines=table.table.lines,
             samples=table.labels.get("sample", ("",) * len(table)),
-            sessions=columns.sessions_of(table),
+            sessions=sessions,
             headings=table.headings,
             ignored_columns=table.unknown,
             distance_from=table.labels.get(columns.DISTANCE_FROM, ()),
@@ -255,10 +254,8 @@ class Campaign(Result):
     @property
     def values_measured(self) -> int:
         """How many numbers were measured in the usable rows."""
-        seen = [self.position_measured, self.rotation_measured]
-        seen += [] if self.distance_m is None else [np.isfinite(self.distance_m)]
-        per_row = np.hstack(seen).sum(axis=1) + self.redundant_drives
-        return int(per_row[self.usable].sum())
+        known = self._values_known[self.usable]
+        return int(known.sum()) + len(known) * self.redundant_drives
 
     @functools.cached_property
     def redundant_drives(self) -> int:
@@ -285,6 +282,12 @@ class Campaign(Result):
         return np.asarray(np.isfinite(self.rotation_vector_rad), dtype=np.bool_)
 
     @property
+    def _values_known(self) -> BoolArray:
+        """Which coordinates, rotation components and distances were measured, (n, 6 or 7)."""
+        distance = [] if self.distance_m is None else [np.isfinite(self.distance_m)]
+        return np.hstack([self.position_measured, self.rotation_measured, *distance])
+
+    @property
     def measured_poses(self) -> PoseStack:
         """The measured poses of the target in the tracker frame, whose arrays may be changed; NaN where missing."""
         vectors = self.rotation_vector_rad
@@ -295,10 +298,7 @@ class Campaign(Result):
     def usable(self) -> BoolArray:
         """Which rows can be compared with a model, (n,): all drives known and anything measured."""
         commanded = np.isfinite(self.drives).all(axis=1)
-        measured = self.position_measured.any(axis=1) | self.rotation_measured.any(axis=1)
-        if self.distance_m is not None:
-            measured |= np.isfinite(self.distance_m[:, 0])
-        measured |= self.robot.loops.redundant_drives
+        measured = self._values_known.any(axis=1) | self.robot.loops.redundant_drives
         return np.asarray(commanded & measured, dtype=np.bool_)
 
     def rows_by_session(self) -> dict[str, Indices]:
@@ -404,12 +404,6 @@ class Campaign(Result):
             values = labels[quantity.name] if quantity.kind == "label" else self.command(quantity.name)
             if values is not None and (quantity.name != columns.DISTANCE_FROM or any(values)):
                 yield quantity, values
-
-
-def _quantities_in(table: Table | Path, robot: RobotDefinition) -> QuantityTable:
-    quantities = columns.campaign_columns(robot)
-    example = next(quantity for quantity in quantities if quantity.required).headings[-1]
-    return read_quantities(table, quantities, example, CampaignError)
 
 
 def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
