@@ -5,6 +5,6 @@ from .base import EffectParameter as EffectParameter
 from .base import Form as Form
 from .base import LocalChanges as LocalChanges
 from .conditions import Conditions as Conditions
-from .conditions import NominalRows as NominalRows
 from .conditions import conditions_of as conditions_of
 from .families.by_name import FAMILIES as FAMILIES
+from .nominal import NominalRows as NominalRows

@@ -16,6 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.gaps import filled_in, with_gaps
+from pouring_robot.effects.nominal import NominalRows
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
@@ -230,24 +231,6 @@ def condition_names(robot: RobotDefinition) -> frozenset[str]:
     thermometers = {"ambient", *robot.thermometers, *(t.name for t in causes_of(robot).thermometers)}
     rises, travels = {f"{t}{RISE}" for t in thermometers}, {f"{t}_m" for t in robot.travels}
     return frozenset(own | rises | travels | {f"{group}{FORCE}" for group in robot.groups})
-
-
-@dataclass(frozen=True, eq=False)
-class NominalRows:
-    """What the drawing says of the rows of a campaign."""
-
-    robot: RobotDefinition  # the drawing
-    position_m: FloatArray  # origin of the end body in the base, (n, 3)
-    rotation: FloatArray  # its axes, (n, 3, 3)
-    by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
-    turns: tuple[str, ...]  # T local parameters that turn joints
-    by_turn: FloatArray  # ∂pose/∂turn in base axes, (n, 6, T)
-    up: FloatArray  # direction against gravity in the base, (3,)
-    swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
-    own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
-    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, or where it is not counted
-    slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
-    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:

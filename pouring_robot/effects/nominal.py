@@ -1,15 +1,35 @@
 """What the drawing says of the rows of a campaign: poses, how drives move them, what weight puts on drives."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from pouring_robot.batch import BatchClosure, Engine
-from pouring_robot.effects.conditions import NominalRows
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight import own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
+
+
+@dataclass(frozen=True, eq=False)
+class NominalRows:
+    """What the drawing says of the rows of a campaign."""
+
+    robot: RobotDefinition  # the drawing
+    position_m: FloatArray  # origin of the end body in the base, (n, 3)
+    rotation: FloatArray  # its axes, (n, 3, 3)
+    by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
+    turns: tuple[str, ...]  # T local parameters that turn joints
+    by_turn: FloatArray  # ∂pose/∂turn in base axes, (n, 6, T)
+    up: FloatArray  # direction against gravity in the base, (3,)
+    swing_rad: FloatArray  # of the joint about which each drive's chain swings, (n, D); NaN without one
+    own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
+    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, or where it is not counted
+    slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
+    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
 def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) -> NominalRows:
