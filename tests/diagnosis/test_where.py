@@ -196,15 +196,16 @@ def test_a_region_is_named_in_words_and_repeats_do_not_object():
     assert not any(f.what == "repeats" for f in where.findings)
 
 
-def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
+@pytest.mark.parametrize("noise_known", [True, False])
+def test_what_is_not_understood_in_one_component_accuses_nothing_in_others(noise_known):
     """A ripple that no condition describes, twenty times the noise, in y only."""
     rng = np.random.default_rng(9)
     given = scene(rng, 120, 0)
     false = 0
     for _ in range(4):
         ripple = 1e-3 * rng.choice([-1.0, 1.0], len(given))
-        found = disagreements(seen(rng, given, moved(given, 1, ripple)), given, 0.01)
-        false += conditions_found(found) != ["row, by chance"]
+        data = dataclasses.replace(seen(rng, given, moved(given, 1, ripple)), noise_known=noise_known)
+        false += conditions_found(disagreements(data, given, 0.01)) != ["row, by chance"]
     assert false <= 1
 
 
@@ -231,11 +232,11 @@ def test_absent_and_constant_conditions(full):
     assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.figures()[0])
 
 
-def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
+@pytest.mark.parametrize("wrong", [7.0, 0.1])
+def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong):
     rng = np.random.default_rng(11)
     given = scene(rng)
     data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
-    wrong = 7.0
     drives = tuple(dataclasses.replace(one, column=one.column / wrong) for one in data.drives)
     guessed = dataclasses.replace(
         data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=drives, noise_known=False

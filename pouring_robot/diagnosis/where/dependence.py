@@ -19,8 +19,7 @@ from pouring_robot.mechanism.arrays import rms
 
 _MOST = 12
 _NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
-"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures. It begins as
-the diagnosis left it, so that one round does as a rule."""
+"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures."""
 _MONOTONE = 0.8
 _MINOR = 0.25
 
@@ -29,9 +28,11 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
     """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
-    1963), so that the number of processes tried over B is a p-value. A noise that is not known begins as the data have
-    it, and is what the processes leave.
+    1963), so that the number of processes tried over B is a p-value. A noise that is not known is at first all that
+    the frames leave, then what the processes leave, with what differs from row to row by chance: by a smaller one
+    everything would, and nothing else be seen for it.
     """
+    data = data if data.noise_known else data.scaled(data.cleared)
     for turn in itertools.count(1):
         places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
         # Time says more than the order of the rows, and the same.
@@ -41,7 +42,8 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
         if data.noise_known or not found or turn == _NOISE_ROUNDS:
             break
-        left = data.scaled(data.cleared - sum(item.part for item in found))
+        followed = (item.part for item in found if item.process.by != CHANCE)
+        left = data.scaled(data.cleared - sum(followed, np.zeros(len(data.cleared))))
         if np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED):
             break
         data = left
