@@ -16,7 +16,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.gap import Gap, table_of
-from pouring_robot.diagnosis.held_out import few, held_out, held_out_in_turn
+from pouring_robot.diagnosis.held_out import InTurn, few, held_out, held_out_in_turn
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
@@ -32,7 +32,7 @@ from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_p
 from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split
 from pouring_robot.exceptions import BadInputError, CampaignError
-from pouring_robot.inference.decision import judge, without_minor
+from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
@@ -253,37 +253,13 @@ class _Work:
     def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
-        diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
-        rows, fitted = diagnoser.rows, diagnoser.fitted
-        # Where the noise is not stated, scatter from row to row is noise.
-        known = not rows.noise.from_residuals
-        axes = after.frames.T_tracker_base.rotation
-        before = diagnoser.at_rest()
-        misfit, unsettled = _misfit(rows, before.linear), _unsettled(after, hypothesis)
+        diagnoser = found.diagnoser
+        rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
+        misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis)
         free, rate = _free_residuals(before, rows), diagnoser.thresholds.false_names
         with forked(lambda: disagreements(free, rows.conditions, rate)) as located:
-            judgement = judge(
-                hypothesis,
-                Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
-                diagnoser.thresholds,
-                noise_known=known,
-                unexplained=misfit,
-                varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
-            )
+            judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
             where = located()
-        if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
-            after = before
-        in_turn = None
-        if found.parts and judgement.names and not unsettled and few(before.every_row, fitted):
-            names = frozenset(item.effect for item in hypothesis.items if item.cause)
-            blocks = (*found.parts.folds, found.parts.test)
-            in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
-        if in_turn:
-            judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
-        passing = [effect for effect in judgement.minor if self.effects[effect].passes]
-        if passing and judgement.causes:  # they are of these rows, not of the robot
-            hypothesis, judgement = without_minor(hypothesis, judgement, passing)
-            after, hypothesis = diagnoser.settled(after, hypothesis)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
@@ -319,6 +295,38 @@ class _Work:
             return diagnosis
         told = misfit if judgement.verdict == "unknown" else why
         return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why))
+
+    def _concluded(
+        self, found: _Searched, before: LinearState, misfit: str, unsettled: str
+    ) -> tuple[Judgement, LinearState, Hypothesis, InTurn | None]:
+        """Return what may be said of what was found, the model amended by it, and what blocks in turn say of it."""
+        diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
+        rows, fitted = diagnoser.rows, diagnoser.fitted
+        # Where the noise is not stated, scatter from row to row is noise.
+        known = not rows.noise.from_residuals
+        axes = after.frames.T_tracker_base.rotation
+        judgement = judge(
+            hypothesis,
+            Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
+            diagnoser.thresholds,
+            noise_known=known,
+            unexplained=misfit,
+            varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
+        )
+        if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
+            after = before
+        in_turn = None
+        if found.parts and judgement.names and not unsettled and few(before.every_row, fitted):
+            names = frozenset(item.effect for item in hypothesis.items if item.cause)
+            blocks = (*found.parts.folds, found.parts.test)
+            in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
+        if in_turn:
+            judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
+        passing = [effect for effect in judgement.minor if self.effects[effect].passes]
+        if passing and judgement.causes:  # they are of these rows, not of the robot
+            hypothesis, judgement = without_minor(hypothesis, judgement, passing)
+            after, hypothesis = diagnoser.settled(after, hypothesis)
+        return judgement, after, hypothesis, in_turn
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
