@@ -11,7 +11,7 @@ import pinocchio as pin
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.kernels.closing import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import Structure, seat_joint
+from pouring_robot.batch.structure import Structure, seat_joints, shared_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -99,9 +99,7 @@ def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     """Return the moving joints that some but not all of base, end and loop frames hang on, then the loops' seats."""
     model, loops, paths = mechanism.shared_model, mechanism.loops, mechanism.frame_paths
     ends = [loops.base_frame, str(loops.end_frame), *(n for loop in loops.loops for n in (loop.frame_a, loop.frame_b))]
-    hang = [paths[name] for name in ends]
-    common = set(hang[0]).intersection(*hang)
-    every = dict.fromkeys(name for path in hang for name in path)
-    moving = [n for n in every if n not in common and n not in loops.cut_joints and model.existJointName(n)]
-    seats = (seat_joint(mechanism, i) for i in range(len(loops.loops)))
-    return tuple(dict.fromkeys([*moving, *(name for name in seats if name and name not in loops.cut_joints)]))
+    shared, every = shared_joints(mechanism), dict.fromkeys(name for end in ends for name in paths[end])
+    moving = [name for name in every if name not in shared and model.existJointName(name)]
+    seats = (name for loop in range(len(loops.loops)) for name in seat_joints(mechanism, loop))
+    return tuple(dict.fromkeys([*moving, *seats]))

@@ -246,7 +246,10 @@ def _chains(mechanism: ClosedChainMechanism) -> list[_Chain]:
         if anchor.kind != "6d":
             raise UnsupportedMechanismError(f"loop '{anchor.name}' holds its origins only (3d)")
         joints = _joints_between(mechanism, anchor.joint_a, f"the chain of loop '{anchor.name}'")
-        chains.append(_Chain(joints, anchor.placement_a, to_end * anchor.placement_b, seat_joint(mechanism, i)))
+        seat = next(iter(seat_joints(mechanism, i)), "")
+        if seat and seat not in mechanism.frame_paths[loops.loops[i].frame_b]:
+            raise UnsupportedMechanismError(f"chain '{anchor.name}' ends in '{seat}', and no seat stands for it")
+        chains.append(_Chain(joints, anchor.placement_a, to_end * anchor.placement_b, seat))
     every = [j for chain in chains for j in chain.joints]
     shared = {names[j] for j in every if every.count(j) > 1}
     if shared:
@@ -302,11 +305,30 @@ def _end_frame(mechanism: ClosedChainMechanism) -> int:
     return mechanism.frame_id(mechanism.loops.end_frame or "")
 
 
-def seat_joint(mechanism: ClosedChainMechanism, loop: int) -> str:
-    """Return the fixed joint that carries frame b of a loop, or nothing where none does."""
+def seat_joints(mechanism: ClosedChainMechanism, loop: int) -> tuple[str, ...]:
+    """Return the fixed joints that carry the frames of a loop, frame b's first, and whose places count.
+
+    Closed in all directions, frame a moves as frame b moves back, so one of the two says it; of a point each counts.
+    """
+    one, shared = mechanism.loops.loops[loop], shared_joints(mechanism)
+    carriers = (_fixed_joint(mechanism, frame) for frame in (one.frame_b, one.frame_a))
+    found = [name for name in carriers if name and name not in shared]
+    return tuple(found[:1] if one.type == "6d" else found)
+
+
+def shared_joints(mechanism: ClosedChainMechanism) -> frozenset[str]:
+    """Return the joints, moving and fixed, that carry base, end and all frames of loops: no pose shows where they are.
+
+    And those that are cut, which carry nothing.
+    """
+    loops, paths = mechanism.loops, mechanism.frame_paths
+    ends = (loops.base_frame, str(loops.end_frame), *(n for one in loops.loops for n in (one.frame_a, one.frame_b)))
+    return frozenset.intersection(*(frozenset(paths[name]) for name in ends)).union(loops.cut_joints)
+
+
+def _fixed_joint(mechanism: ClosedChainMechanism, name: str) -> str:
+    """Return the fixed joint that carries a frame, or nothing where none does."""
     model = mechanism.shared_model
-    frame = model.frames[mechanism.frame_id(mechanism.loops.loops[loop].frame_b)]
-    if frame.type == pin.FrameType.FIXED_JOINT:
-        return str(frame.name)
-    carrier = model.frames[frame.parentFrame]
+    frame = model.frames[mechanism.frame_id(name)]
+    carrier = frame if frame.type == pin.FrameType.FIXED_JOINT else model.frames[frame.parentFrame]
     return str(carrier.name) if carrier.type == pin.FrameType.FIXED_JOINT else ""

@@ -55,13 +55,12 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     """Return what the last links of a chain do that ends in a fixed joint, which nothing displaces.
 
     They move the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes. As :func:`grown_places` for each such end whose seat is among ``places``, the seat's joint.
+    have the same axes. As :func:`grown_places` for each such end whose seat, a fixed joint, is among ``places``.
     """
     model = robot.mechanism().shared_model
-    ends = [(loop.frame_a, carrier(model, loop.frame_b).name) for loop in robot.loops.loops if loop.type == "6d"]
-    return [
-        (seat, link, -place) for end, seat in ends if seat in places for link, place in _carried(robot, end, places)
-    ]
+    ends = [(loop.frame_a, carrier(model, loop.frame_b)) for loop in robot.loops.loops if loop.type == "6d"]
+    seated = [(end, seat.name) for end, seat in ends if seat.type == pin.FrameType.FIXED_JOINT and seat.name in places]
+    return [(seat, link, -place) for end, seat in seated for link, place in _carried(robot, end, places)]
 
 
 def frame_places(robot: RobotDefinition, frame: str | None, places: Collection[str]) -> list[tuple[str, FloatArray]]:

@@ -37,6 +37,18 @@ FOOT = """<link name="floor"/><link name="foot"/><link name="marker"/>
   <joint name="pole" type="fixed"><parent link="floor"/><child link="marker"/>
     <origin xyz="-0.6 0.2 0.3" rpy="0 1 0"/></joint>
 </robot>"""
+ROCKER = """<robot name="rocker">
+  <link name="base"/><link name="car"/><link name="rod"/><link name="tip"/><link name="lever"/><link name="seat"/>
+  <link name="pin"/><link name="tool"/>
+  <joint name="slide" type="prismatic"><parent link="base"/><child link="car"/><origin xyz="0.5 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-0.1" upper="0.1" effort="1" velocity="1"/></joint>
+  <joint name="hinge" type="continuous"><parent link="car"/><child link="rod"/><axis xyz="0 0 1"/></joint>
+  <joint name="rod_end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="-0.35 0.2 0"/></joint>
+  <joint name="bearing" type="continuous"><parent link="base"/><child link="lever"/><axis xyz="0 0 1"/></joint>
+  <joint name="boss" type="fixed"><parent link="lever"/><child link="seat"/><origin xyz="0.15 0.2 0"/></joint>
+  <joint name="journal" type="continuous"><parent link="seat"/><child link="pin"/><axis xyz="0 0 1"/></joint>
+  <joint name="head" type="fixed"><parent link="lever"/><child link="tool"/><origin xyz="0.3 0 0.1"/></joint>
+</robot>"""
 ROBOT_FILE = """format: pouring_robot/robot/1
 name: bracketed
 urdf: arm.urdf
@@ -118,6 +130,26 @@ def test_a_robot_that_grows_evenly_is_the_same_robot_larger(tmp_path, base, end)
     grown = RobotUnderConditions(robot, {})._standing(changes, 0, structure.site_joints)
     actual = grown.location_at(drives).actual.pose_base_to_end.translation
     np.testing.assert_allclose(actual, (1.0 + 1e-4) * drawn.translation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("one", "other", "kind"), [("tip", "seat", "3d"), ("seat", "tip", "3d"), ("tip", "pin", "6d")])
+def test_rods_that_end_in_a_loop_have_a_length(tmp_path, one, other, kind):
+    """It may be off, and grows with all else: a rod that ends in a point, or on a pin that turns against its end."""
+    (tmp_path / "rocker.urdf").write_text(ROCKER, encoding="utf-8")
+    loop = f"loops: [{{name: end, frame_a: {one}, frame_b: {other}, type: {kind}}}]\n"
+    said = "name: rocker\nurdf: rocker.urdf\nbase_frame: base\nend_frame: tool\ndrives: [{joint: slide}]\n"
+    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}{loop}", encoding="utf-8")
+    robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-4
+    drawn = robot.location_at([0.05]).poses("tool")[0]
+    assert "rod_end.tx" in {p.name for p in robot.parameters.match("geometry")}
+    rows, rises = bare_conditions(robot.model.definition, 1), {"ambient": np.array([strain * 1e6])}
+    warm = dataclasses.replace(rows, drives=np.array([[0.05]]), rotation=drawn.rotation[None], rises=rises)
+    form = all_effects(robot.model.definition)["link_thermal_expansion"].forms(warm)[0]
+    structure = engine_for(robot.nominal_solver.mechanism).structure
+    changes = RowChanges.of(form.parameters[0].changes, structure, 1)
+    actual = RobotUnderConditions(robot, {})._standing(changes, 0, structure.site_joints).location_at([0.05]).actual
+    larger = pin.SE3(drawn.rotation, (1.0 + strain) * drawn.translation)
+    assert np.linalg.norm(pin.log6(larger.actInv(actual.pose_base_to_end)).vector) < 1e-12
 
 
 def test_a_slide_spans_the_joints_at_its_ends():
