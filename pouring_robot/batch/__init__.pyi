@@ -1,5 +1,6 @@
 from .compiled import CompiledEngine as CompiledEngine
 from .engine import engine_for as engine_for
+from .engine import seen_from_rest as seen_from_rest
 from .interface import Engine as Engine
 from .row_by_row import GeneralEngine as GeneralEngine
 from .samples import STATUS_NAMES as STATUS_NAMES

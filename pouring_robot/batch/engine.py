@@ -1,8 +1,11 @@
 """Which engine a mechanism gets: the compiled one if it is a star of serial chains or a serial arm, else row by row."""
 
+import numpy as np
+
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.row_by_row import GeneralEngine
+from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
@@ -18,3 +21,18 @@ def engine_for(
         return CompiledEngine(mechanism, threads, options)
     except UnsupportedMechanismError:  # no star, no serial arm
         return GeneralEngine(mechanism, options)
+
+
+def seen_from_rest(engine: Engine, closed: BatchClosure) -> tuple[Engine, BatchClosure]:
+    """Return closures, and what gives their transfer, seen from what no joint moves, where weight pulls one way only.
+
+    That is the base, or, if it moves as a table under a tool does, the root of the tree.
+    """
+    mechanism = engine.structure.mechanism
+    carriers = mechanism.frame_paths[mechanism.loops.base_frame]
+    if not {*carriers} & mechanism.joint_columns.keys() - {*mechanism.loops.locked_joints}:
+        return engine, closed
+    rest = GeneralEngine(mechanism.seen_from("universe"), engine.options)
+    values = engine.structure.joint_values(closed.joints)
+    start = rest.start_at(engine.structure.configurations(closed.joints))
+    return rest, rest.close(np.column_stack([values[drive] for drive in mechanism.loops.drives]), start)

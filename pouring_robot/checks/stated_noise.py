@@ -22,6 +22,7 @@ import scipy.linalg
 import scipy.optimize
 from scipy.special import chdtri
 
+from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
@@ -180,8 +181,9 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     robot, engine = campaign.robot, drawing.engine
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
     place = campaign.metadata.ladle_centre_of_mass_m or mechanism.placement_on_end(robot.payload_frame).translation
-    moved = engine.transfer(closed, drive_parameters(mechanism)).matrix
-    share = by_a_newton(up_in_base(mechanism), moved, closed.rotation, place)
+    rest, lifted = seen_from_rest(engine, closed)
+    moved = rest.transfer(lifted, drive_parameters(mechanism)).matrix
+    share = by_a_newton(up_in_base(rest.structure.mechanism), moved, lifted.rotation, place)
     forces = [own_force(mechanism, engine.structure.configurations(closed.joints)), share]
     loads = campaign.conditions.get("payload")
     if loads is not None and np.isfinite(loads[rows]).any():

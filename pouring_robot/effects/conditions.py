@@ -348,7 +348,7 @@ def _loads(
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if place is None:
         return None, nominal.own_force, None, own
-    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation, place)
+    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation_at_rest, place)
     if tare is None or payload_kg is None:
         return None, nominal.own_force, share, own
     weight = (tare + payload_kg) * GRAVITY_M_S2

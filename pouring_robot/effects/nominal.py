@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.batch import BatchClosure, Engine
+from pouring_robot.batch import BatchClosure, Engine, seen_from_rest
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -21,10 +21,11 @@ class NominalRows:
     robot: RobotDefinition  # the drawing
     position_m: FloatArray  # origin of the end body in the base, (n, 3)
     rotation: FloatArray  # its axes, (n, 3, 3)
-    by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
+    rotation_at_rest: FloatArray  # the same from where weight pulls one way (``seen_from_rest``), as all that follows
+    by_drive: FloatArray  # ∂pose/∂drive, (n, 6, D)
     turns: tuple[str, ...]  # T local parameters that turn joints
-    by_turn: FloatArray  # ∂pose/∂turn in base axes, (n, 6, T)
-    up: FloatArray  # direction against gravity in the base, (3,)
+    by_turn: FloatArray  # ∂pose/∂turn, (n, 6, T)
+    up: FloatArray  # direction against gravity, (3,)
     swing_rad: FloatArray  # of the joint about which each drive's chain swings, (n, D); NaN without one
     own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
     own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, or where it is not counted
@@ -38,7 +39,8 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     drives = drive_parameters(mechanism)
     joints = engine.structure.placed_joints
     turns = [turn for turn in engine.structure.parameters if turn.unit == "rad"]
-    moved = engine.transfer(closure, (*drives, *turns)).matrix
+    rest, lifted = seen_from_rest(engine, closure)
+    moved = rest.transfer(lifted, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
     own = causes_of(robot).own_weight
     configurations = engine.structure.configurations(closure.joints) if own else closure.joints
@@ -46,10 +48,11 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         robot,
         closure.position,
         closure.rotation,
+        lifted.rotation,
         moved[:, :, : len(drives)],
         tuple(turn.name for turn in turns),
         moved[:, :, len(drives) :],
-        up_in_base(mechanism),
+        up_in_base(rest.structure.mechanism),
         _swings(mechanism, values, len(closure)),
         own_force(mechanism, configurations) if own else None,
         own_moments(mechanism, configurations, joints) if own and not mechanism.anchors else None,

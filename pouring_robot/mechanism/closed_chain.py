@@ -131,6 +131,12 @@ class ClosedChainMechanism:
         other.loops = self.loops.model_copy(update={"stiffness": stiffness})
         return other
 
+    def seen_from(self, base: str) -> Self:
+        """Return the same mechanism with poses seen from another frame."""
+        other = self._twin()
+        other.loops = self.loops.model_copy(update={"base_frame": base})
+        return other
+
     def with_drives(self, drives: tuple[str, ...]) -> Self:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
         loops = self.loops.model_copy(update={"drives": drives})

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from pouring_robot import diagnose
+from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.available import all_effects
+from pouring_robot.effects.conditions import conditions_of
+from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
@@ -33,6 +37,18 @@ ROBOT = (
     "format: pouring_robot/robot/1\nname: mast\nurdf: mast.urdf\nbase_frame: ground\nend_frame: tool0\n"
     "drives: [{joint: lift}, {joint: pan}]\n"
 )
+TABLE_KG, RAM_KG = 15.0, 20.0
+MILL = f"""<robot name="mill">
+  <link name="bed"/><link name="tool"/><link name="quill"><inertial><mass value="{RAM_KG}"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="table"><inertial><origin xyz="0 0.1 -0.2"/><mass value="{TABLE_KG}"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="ram" type="prismatic"><parent link="bed"/><child link="quill"/><origin xyz="0.1 0.3 0.5"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="0.4" effort="1" velocity="1"/></joint>
+  <joint name="spindle" type="fixed"><parent link="quill"/><child link="tool"/><origin xyz="0.3 0 -0.1"/></joint>
+  <joint name="tilt" type="revolute"><parent link="bed"/><child link="table"/><origin xyz="0 0 0.2"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</robot>"""
 ROWS, SOFT = 60, 2e-5  # rad/Nm of the slide where it is half out, and as much again where it is wholly out
 
 
@@ -131,3 +147,21 @@ def test_any_open_chain_is_diagnosed_with_or_without_masses(tmp_path, axis, weig
     assert found.verdict == "no_gap"
     effect = all_effects(found.model.definition)["joint_compliance"]
     assert effect.acts(found.diagnoser.rows.conditions) == acts
+
+
+def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
+    """Seen from a table that tilts, weight on the tool pulls aside; it is on the ram all the same, not the trunnion."""
+    (tmp_path / "mill.urdf").write_text(MILL, encoding="utf-8")
+    said = "name: mill\nurdf: mill.urdf\nbase_frame: table\nend_frame: tool\ndrives: [{joint: ram}, {joint: tilt}]\n"
+    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
+    robot, drives, load = Robot.load(tmp_path / "robot.yaml"), np.array([[0.1, 0.0], [0.2, 0.7]]), 50.0
+    engine = engine_for(robot.nominal_solver.mechanism)
+    nominal = nominal_rows(robot.model.definition, engine, engine.close(drives, robot.drawing.starts(drives)))
+    given = conditions_of(RobotUnderConditions(robot, {"payload_kg": load})._rows(drives), nominal)
+    tilt = drives[:, 1]
+    table = -TABLE_KG * GRAVITY * (0.1 * np.cos(tilt) + 0.2 * np.sin(tilt))  # its centre stands at (0, 0.1, -0.2)
+    carried = np.column_stack([np.full(2, -GRAVITY * (RAM_KG + load)), table])
+    np.testing.assert_allclose(given.drive_force, carried, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(given.force_by_weight, [[-1.0, 0.0]] * 2, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(given.joint_moments["ram.ry"], 0.3 * load * GRAVITY, rtol=1e-12)
+    np.testing.assert_allclose(given.joint_moments["tilt.rx"], table, rtol=1e-12)
