@@ -121,8 +121,9 @@ class SensitivityReport(Result):
         """How many errors pass the limit, and which is the strongest."""
         first = self.of_model(self.samples[0].kind)[0]
         over = sum(len(control["errors"]) for control in self.controls)
+        asked = "" if self.poses == self.request.poses else f" of {self.request.poses}"  # the others are out of reach
         return (
-            f"{self.robot}, {self.poses} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
+            f"{self.robot}, {self.poses}{asked} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
             f"than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
             f"{first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
         )

@@ -41,7 +41,7 @@ class ErrorSamples(Generic[P]):
         return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
 
     def moves(self, label: str) -> FloatArray:
-        """Return the translations of the one error with this :func:`short_label`, shape (n, 3), in m."""
+        """Return the translations of the error with this one of the :attr:`labels`, shape (n, 3), in m."""
         return np.asarray(self.translation_m[self.labels.index(label)])
 
     def main_axis(self, label: str | int) -> str:
@@ -51,8 +51,9 @@ class ErrorSamples(Generic[P]):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Short names of the parameters, without the chain."""
-        return tuple(short_label(parameter) for parameter in self.parameters)
+        """Names of the parameters; short ones, without the chain, where all are of one chain."""
+        one_chain = len({parameter.chain for parameter in self.parameters}) == 1
+        return tuple(short_label(parameter) if one_chain else parameter.name for parameter in self.parameters)
 
     @functools.cached_property
     def peak_m(self) -> FloatArray:
@@ -120,7 +121,8 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
     for a, (panel, axis) in enumerate(zip(panels, AXES, strict=True)):
         panel.boxplot([row[:, a] for row in values], whis=(0, 100), widths=0.6, patch_artist=True, **looks)
         panel.axhline(limit_m / MM, color=ASH, linewidth=0.9, linestyle="--")
-        panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * (len(large.labels) > 9))
+        upright = len(large.labels) > 9 or max(map(len, large.labels), default=0) > 4
+        panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * upright)
         panel.set_title(f"|Δ{axis}|", fontsize=11)
         panel.set_ylim(0.0, top)
         tidy(panel)

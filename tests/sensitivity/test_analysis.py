@@ -47,6 +47,12 @@ def test_open_branch_is_eq_5(pouring):
     assert (classes["alpha_e1_6o"], classes["a_e1_01"], classes["theta_e1_1"]) == ("none", "1e-1", "1e0")
 
 
+def test_errors_of_several_chains_are_told_apart(pouring):
+    for samples in pouring.samples:
+        for label, moved in zip(samples.labels, samples.translation_m, strict=True):
+            np.testing.assert_array_equal(samples.moves(label), moved)
+
+
 def test_what_to_control_is_what_passes_the_limit(pouring):
     closed, controls = pouring.of_model("closed chain"), pouring.controls
     over = {row["parameter"] for row in closed if max(row[f"largest_{axis}_mm"] for axis in "xyz") > 1.0}
@@ -98,6 +104,11 @@ def test_a_range_of_poses_counts():
     )
     assert part.samples[1].distance_m.max() == pytest.approx(0.004 * np.hypot(0.5, 0.374 - 0.33), rel=0.15)
     assert whole.samples[1].distance_m.max() > part.samples[1].distance_m.max()
+
+
+def test_poses_out_of_reach_are_said():
+    found = sensitivity(None, Request(poses=50, box=((-0.5, 0.5), None, None, None), parameters=("alpha_e1_01",)))
+    assert found.poses < 50 and found.headline.startswith(f"pouring_robot, {found.poses} of 50 poses: ")
 
 
 @pytest.mark.parametrize(
