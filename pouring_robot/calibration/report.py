@@ -202,9 +202,9 @@ def html_report(calibration: CalibrationFindings) -> str:
         Heading("Which combinations this campaign can tell apart"),
         Lines(group_lines(calibration), mono=True),
         Heading("How groups were chosen"),
-        selection_table(calibration),
+        selection_table(calibration) if calibration.selection.steps else Paragraph("all were kept, as asked for"),
         Heading("Findings of the data checks"),
-        Lines([str(flag) for flag in calibration.flags]),
+        Lines([str(flag) for flag in calibration.flags] or ["nothing"]),
     ]
     title = f"Calibration with {calibration.campaign.path.name}"
     links = {"the calibrated model": MODEL, "all figures": FIGURES}

@@ -144,3 +144,9 @@ def test_the_page_is_whole_and_needs_no_other_file(found, unchanged):
             "How groups were chosen",
         ):
             assert heading in text
+
+
+def test_a_part_of_the_page_with_nothing_in_it_says_so(found):
+    kept = dataclasses.replace(found, selection=dataclasses.replace(found.selection, steps=()), flags=())
+    told = re.sub(r"<[^>]+>|\s+", " ", html_report(kept)).split("How groups were chosen")[1].split()
+    assert " ".join(told).startswith("all were kept, as asked for Findings of the data checks nothing")

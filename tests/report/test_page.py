@@ -83,6 +83,8 @@ def test_headings_stand_over_their_cells():
     page = html_page("t", "h", [table])
     rows = [re.findall(r'<t[hd]( class="l")?>', row) for row in re.findall("<tr>.*</tr>", page)]
     assert len(rows) == 3 and rows[0] == rows[1] == rows[2] == [' class="l"', "", "", ' class="l"', ""]
+    ragged = html_page("t", "h", [Table(("name", "a", "b"), [("x", "1", "2"), ("y",)])])
+    assert [row.count("<td") for row in re.findall("<tr>.*</tr>", ragged)] == [0, 3, 3]
 
 
 def test_a_page_says_when_and_of_what_it_was_made(tmp_path, monkeypatch):
