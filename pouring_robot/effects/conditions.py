@@ -353,6 +353,6 @@ def _loads(
         return None, nominal.own_force, share, own
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation, place)).T
+    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation_at_rest, place)).T
     moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments

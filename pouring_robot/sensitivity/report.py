@@ -123,8 +123,8 @@ class SensitivityReport(Result):
         over = sum(len(control["errors"]) for control in self.controls)
         asked = "" if self.poses == self.request.poses else f" of {self.request.poses}"  # the others are out of reach
         return (
-            f"{self.robot}, {self.poses}{asked} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
-            f"than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
+            f"{self.robot}, {self.poses}{asked} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by "
+            f"more than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
             f"{first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
         )
 
