@@ -29,13 +29,13 @@ def test_a_stopped_command_leaves_whole_files_or_none(study, name, what, in_time
 @pytest.mark.parametrize(
     ("place", "name"),
     [
-        ("disk full from a random operation on", "campaign simulate"),
-        ("no file may pass 4 kB", "campaign simulate"),
+        ("disk full from a random operation on", "examples copy"),
+        ("no file may pass 4 kB", "examples copy"),
         ("cache that is a file", "pose"),  # which compiles no kernels: that would take as long as all others
-        ("two runs at once", "campaign simulate"),
+        ("two runs at once", "examples copy"),
         ("output in ASCII", "campaign simulate"),
-        ("output closed", "campaign simulate"),
-        ("names of 255 bytes", "campaign simulate"),
+        ("output closed", "examples copy"),
+        ("names of 255 bytes", "examples copy"),
     ],
 )
 def test_a_command_ends_right_or_with_one_line(study, place, name):
