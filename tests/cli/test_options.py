@@ -7,6 +7,7 @@ import pytest
 
 from pouring_robot.cli.app import _MODULES
 from pouring_robot.cli.shared.progress import time_left
+from pouring_robot.cli.shared.tables import print_table
 from tests.support import ACTUAL, LEARNED, ROOT
 
 _COMMANDS = tuple(_MODULES)
@@ -44,6 +45,13 @@ def test_a_model_that_is_not_to_be_used_is_said_to_be(run, tmp_path, command):
     assert (code, err.count(f"note: {model} with what it learned in 'campaign': ")) == (0, 1)
     assert ": do not use it\n" in err
     assert "do not use it" not in run(*words, "--overwrite", "--model", LEARNED)[2]
+
+
+def test_a_table_is_as_wide_as_its_cells(capsys):
+    rows = [["n" * 90, "1.250", "u" * 60], ["short", "-0.5"]]
+    print_table(("name", "x", "what"), rows, title="of three columns")
+    title, *lines = capsys.readouterr().out.splitlines()
+    assert title.strip() == "of three columns" and [line.split() for line in lines] == [["name", "x", "what"], *rows]
 
 
 # Every option that names a file or folder to write; what stands in a folder is one of the files written there.

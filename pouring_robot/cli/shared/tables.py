@@ -29,6 +29,8 @@ def print_table(
     Cells at the end of a row may be left out. Columns in ``left`` are set to the left, the others, figures, to the
     right; ``wrap`` lets long cells go on in the next line; rows in ``bold`` stand out.
     """
+    from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
@@ -36,7 +38,10 @@ def print_table(
         table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
     for k, row in enumerate(rows[:most]):
         table.add_row(*row, style="bold" if k in bold else None)
-    say(table)
+    if not wrap:  # as wide as it needs to be: a cell is never cut
+        wide = Console(width=10_000)
+        table.width = Measurement.get(wide, wide.options, table).maximum
+    say(table, soft_wrap=not wrap)
     if most is not None and len(rows) > most:
         say(f"… and {len(rows) - most} {beyond}")
 
