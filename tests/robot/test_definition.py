@@ -215,7 +215,9 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
     ("old", "new", "says"),
     [
         ("urdf: arm.urdf", "urdf: absent.urdf", "absent.urdf.*cannot be read"),
+        ("urdf: arm.urdf", "xacro: absent.xacro", "absent.xacro: cannot be read: No such file or directory$"),
         ("urdf: arm.urdf\n", "", "either urdf or xacro"),
+        ("end_frame: tip", "end_frame: tpi\npayload_frame: tip", "end_frame 'tpi' is no link of the robot; did you"),
         ("base_frame: base\n", "", "base_frame and end_frame are needed"),
         ("joint: reach", "joint: raech", "'raech' is not a joint of the robot; did you mean 'reach'"),
         ("joint: reach", "joint: mount", "'mount' is fixed; a drive slides or turns"),

@@ -111,9 +111,9 @@ class RobotDefinition:
         locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
         self.loops = self.loops.model_copy(update={"locked_joints": locked})
         frames = (*self._links, *kinds)
-        if file.payload_frame is not None and file.payload_frame not in frames:
-            near = closest(file.payload_frame, frames)
-            raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
+        for key, link in (("end_frame", end), ("payload_frame", file.payload_frame)):
+            if link is not None and link not in frames:
+                raise DescriptionError(path, f"{key} '{link}' is no link of the robot{closest(link, frames)}")
         moving = {*(name for name, kind in kinds.items() if kind != "fixed"), *self.loops.cut_joints}
         held = filter(None, (self.payload_frame, end))
         moved = [[joint for joint in carriers(root, name) if joint in moving] for name in held]

@@ -26,6 +26,7 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
 
     Raises DescriptionError where the file, or one it includes, is wrong; names the one at fault.
     """
+    read_text(path)  # where it is not there, xacro says so twice
     with _lock, confined(path.parent, also):
         try:
             document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
