@@ -213,7 +213,7 @@ def _csv_rows(path: Path, error: type[TableError]) -> _Rows:
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror}") from problem
     except ValueError as problem:
-        raise error(path, "cannot be read: it is not a CSV file in UTF-8") from problem
+        raise error(path, "cannot be read: it is not a CSV file in UTF-8; save it as one") from problem
     try:
         return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
     except csv.Error as problem:
