@@ -6,6 +6,7 @@ reaches a user.
 
 import contextlib
 import importlib
+import itertools
 import os
 import platform
 import shlex
@@ -121,7 +122,9 @@ def _run(given: list[str]) -> int:
     except typer.TyperException as error:  # every complaint about arguments
         # Typer passes on words of the library that checks values.
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
-        asked = getattr(getattr(error, "ctx", None), "command_path", "pouring-robot")
+        # Where an option lacks values Typer does not say of which command it is.
+        words = ["pouring-robot", *itertools.takewhile(lambda word: not word.startswith("-"), given)]
+        asked = getattr(getattr(error, "ctx", None), "command_path", " ".join(words))
         _complain(f"{problem}; see {asked} --help")
         return ExitCode.BAD_INPUT
     except ModuleNotFoundError as error:

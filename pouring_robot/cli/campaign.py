@@ -206,7 +206,7 @@ def simulate(
     which: bundles.Which,
     under: bundles.Under,
     noise_mm: Annotated[float, opt("Noise of a coordinate.")] = 0.05,
-    noise_mrad: Annotated[float, opt("Noise of a rotation component.")] = 0.05,
+    noise_mrad: Annotated[float | None, opt("Noise of a rotation component (default: 0.05).")] = None,
     position_only: Annotated[bool, opt("Measure no rotations.", "--position-only")] = False,
     outliers: Annotated[int, opt("Rows with a gross error.", metavar="N", min=0)] = 0,
     outlier_mm: Annotated[float, opt("Size of a gross error.")] = 5.0,
@@ -222,6 +222,8 @@ def simulate(
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
+    if position_only and noise_mrad is not None:
+        raise BadInputError("give --noise-mrad or --position-only, not both: without rotations they have no noise")
     check_table_name(out)
     options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
     present = which.built(under=True)
@@ -230,7 +232,7 @@ def simulate(
     robots = None if standing is None else standing.robots(poses.drives)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
-        sigma_rotation_rad=None if position_only else noise_mrad * 1e-3,
+        sigma_rotation_rad=None if position_only else 1e-3 * (0.05 if noise_mrad is None else noise_mrad),
         outliers=outliers,
         outlier_m=outlier_mm * 1e-3,
         lost=lost,

@@ -100,6 +100,10 @@ def test_parquet_frames_and_positions(tmp_path, capsys):
         (["campaign", "simulate", "--out", "x.csv", "--random", "0"], "1 to 100000"),
         (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--lost", "7"], "share of lost cells"),
         (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--noise-mm", "-1"], "in m must be between"),
+        (
+            ["campaign", "simulate", "--out", "x.csv", "--random", "5", "--position-only", "--noise-mrad", "1"],
+            "without rotations they have no noise",
+        ),
         (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--outliers", "9"], "9 gross errors"),
         (["campaign", "simulate", "--out", "x.yaml", "--random", "5"], "x.yaml"),
         (

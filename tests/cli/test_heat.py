@@ -290,7 +290,7 @@ def test_compensate_says_that_the_cold_drawing_needs_none(run):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        ([], 2, "give a pose by --at-mm or drive values by --drives"),
+        ([], 2, "give a file of poses or one command by options"),
         ([POSES, *AT], 2, "one of the two"),
         ([POSES, "--tilt-deg", "3"], 2, "one of the two"),
         (["nowhere.csv"], 2, "cannot be read"),

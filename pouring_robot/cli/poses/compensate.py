@@ -59,7 +59,7 @@ def compensate(
     """
     from pouring_robot.cli.poses.heat import thermal_law
 
-    if asked.poses is not None and commanded.given:
+    if (asked.poses is not None) == commanded.given and not (asked.at_once or asked.header):
         raise BadInputError("give a file of poses or one command by options, one of the two")
     present = which.built(warm=True, under=True)
     from pouring_robot.robot.pouring_robot import PouringRobot

@@ -49,7 +49,8 @@ class Which:
 
         given = [f"--{name}" for name, value in vars(self).items() if value]
         if len(given) > 1:
-            raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
+            why = "a model file names its robot and its layout" if self.model else "layouts are of the pouring robot"
+            raise BadInputError(f"give {' or '.join(given)}, not both: {why}")
         if self.robot is not None:
             return RobotModel.for_robot(self.robot)
         model = RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)

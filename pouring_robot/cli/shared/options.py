@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import math
 import os
 import sys
 import textwrap
@@ -132,14 +133,15 @@ def is_output(annotation: Any) -> bool:
 
 
 def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
-    """Return the numbers of an option, of which none may be larger than any quantity."""
+    """Return the numbers of an option, each finite and no larger than any quantity may be."""
     if value is None:
         return None
     from pouring_robot.io.tables import size_fault
 
     for number in value if isinstance(value, tuple) else str(value).replace(",", " ").split():
         with contextlib.suppress(ValueError):  # what is no number is said where it is known how many are wanted
-            if fault := size_fault(float(number)):
+            size = float(number)
+            if fault := size_fault(size) if math.isfinite(size) else f"{size} is not a finite number":
                 raise BadInputError(f"{parameter.opts[0]}: {fault}")
     return value
 
