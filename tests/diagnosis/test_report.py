@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.gap import in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
+from pouring_robot.diagnosis.report.plots import _signatures, evidence_steps, plots, rival_margins
 from pouring_robot.diagnosis.report.scene import _scene, campaign_scene, ladle_scene, seen_states
 from pouring_robot.exceptions import OutputError
 from pouring_robot.robot.model import RobotModel
@@ -98,6 +98,12 @@ def test_every_point_of_the_residuals_says_its_line_and_value(hot, drawn):
     shown = next(svg for title, svg in drawn if title.startswith("Residuals"))
     told = re.findall(r"<title>line (\d+): ([+-][\d.]+) mm (before|after)</title>", shown)
     assert {int(line) for line, _, _ in told} == set(hot.campaign.lines[np.isfinite(hot.campaign.position_m).all(1)])
+
+
+def test_a_long_story_stands_in_lines_over_its_picture(hot):
+    told = replace(hot, effects=tuple(replace(effect, story="what may happen " * 15) for effect in hot.effects))
+    written = re.findall(r"<text[^>]*>([^<]*what[^<]*)</text>", _signatures(told))
+    assert len(written) == 3 * len(hot.firm) and max(map(len, written)) <= 120
 
 
 def test_measurements_stand_with_the_most_telling_first(hot, page):

@@ -1,5 +1,6 @@
 """Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, what is left."""
 
+import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,6 +27,7 @@ from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, n
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _MOST_ROWS = 1000  # a picture of more points tells no more, and its page opens slowly
 _NARROW = 4.0
+_TITLE_LETTERS = 120  # more reach beyond the picture
 
 
 @own_look()
@@ -170,7 +172,7 @@ def _signatures(diagnosis: Conclusions) -> str:
         axes.set(xlabel=axis.label, ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]")
         if shape is not None:
             _shape_panel(sides[1], shape)
-        panel.suptitle(f"{name}: {effect.story}", fontsize=9)
+        panel.suptitle(textwrap.fill(f"{name}: {effect.story}", _TITLE_LETTERS), fontsize=9)
         for side in sides:
             if np.unique(axis.values).size <= _FEW_VALUES:
                 side.set_xticks(np.unique(axis.values))
