@@ -100,6 +100,9 @@ def test_monte_carlo_ranks_by_first_order_scatter(make_plan, tmp_path):
     assert sum(weights.values()) == pytest.approx(1.0)
     assert [r.weight for r in outcome.ranking] == pytest.approx([weights[r.name] for r in outcome.ranking])
     assert sorted(r.weight for r in outcome.ranking) == [r.weight for r in outcome.ranking][::-1]
+    # A distance along an axis that the next joint slides or turns about moves nothing; G has round-off there.
+    still = [r.figures for r in outcome.ranking if weights[r.name] < 1e-20]
+    assert still and still == [{"share_of_scatter": 0.0, "rms_mm": 0.0, "main_axis": ""}] * len(still)
 
 
 @pytest.mark.parametrize("kind", ["closed_chain", "open_branch"])

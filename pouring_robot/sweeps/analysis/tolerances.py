@@ -42,6 +42,7 @@ from pouring_robot.sweeps.store import AXES
 _CUTS_A_ROUND = 8
 _ROUNDS = 200
 _TIGHT = 1e-7  # relative violation that counts as none
+_ROUND_OFF = 1e-9  # of what the strongest error moves
 _DIRECTIONS = 64
 VERIFIED_POSES = 64
 _CLOSURES_AT_ONCE, _POSES_AT_ONCE = 20_000, 1000
@@ -213,7 +214,9 @@ def _measures(
     """Return what the ranking goes by, and all measures by name, (parameters,) each."""
 
     def main_axis(strength: FloatArray) -> NDArray[np.str_]:
-        return np.where(np.isnan(strength).any(axis=1), "", np.array(AXES)[np.nan_to_num(strength).argmax(axis=1)])
+        moved = np.nan_to_num(strength)
+        known = ~np.isnan(strength).any(axis=1) & moved.any(axis=1)
+        return np.where(known, np.array(AXES)[moved.argmax(axis=1)], "")
 
     if plan.config.study == "one_at_a_time":
         rows = summary.by_sample
@@ -237,6 +240,7 @@ def _measures(
     # First-order variances: mean over the poses of each error's own, correlation aside.
     std = np.array([margin.std for margin in plan.draws.margins])
     squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
+    squares[:, squares.sum(axis=0) < _ROUND_OFF**2 * squares.sum(axis=0).max()] = 0.0
     own = squares.sum(axis=0)
     share = own / max(own.sum(), np.finfo(float).tiny)
     figures = {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": main_axis(squares.T)}
