@@ -51,6 +51,7 @@ def test_formulas_are_those_of_the_models(measured):
     assert slope == pytest.approx(1e3 * one.model.coef_, rel=1e-4)
     c0 = float(lines["(21"].split(" = ")[1].split(" ")[0])
     assert c0 == pytest.approx(one.model.component_regression_.intercept_ - 273.15, rel=1e-4)
+    assert "+ -" not in lines["(21"]
     # Equation 21 through the printed numbers gives the temperature back.
     c = [float(word) for word in lines["(21"].replace("+ ", "").split()[3::2]]
     sets = one.table.errors[:, one.model.selector_.sensitive_] * 1e3

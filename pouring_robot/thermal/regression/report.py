@@ -94,7 +94,8 @@ class AxisRegression:
         yield "(18) " + "; ".join(f"{z} = {_sum(row, starred)}" for z, row in rows)
         yield f"(19) TEMP* = {_sum(gamma, components)}"
         yield f"(20) TEMP* = {_sum(regression.standardised_coef_, starred)}"
-        yield f"(21) TEMP = {regression.intercept_ - ZERO_CELSIUS_K:.5g} + {_sum(regression.coef_ / 1e3, names)}"
+        slopes = _sum(regression.coef_ / 1e3, names)
+        yield f"(21) TEMP = {regression.intercept_ - ZERO_CELSIUS_K:.5g} + {slopes}".replace("+ -", "-")
         weights = _sum(self.model.weights_, [f"{name}_PCR" for name in names])
         slope, offset = self.model.coef_ * 1e3, (self.model.intercept_ + self.model.coef_ * ZERO_CELSIUS_K) * 1e3
         yield f"(22) P_end = {weights} = {offset:.5g} {slope:+.5g} TEMP"
@@ -312,7 +313,7 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
         left.append((one.words(method), *(f"{value * 1e3:.4f}" for value in figures), mark))
     return [
         Heading(f"direction {direction}" if direction else "errors"),
-        Lines([f"groups {parts} for λ above {low:.5f}, up to {high:.5f}"]),
+        Lines([f"groups {parts} for λ above {low:.7f}, up to {high:.7f}"]),
         Table(("set", "grey degree", "VIF against those chosen before", ""), degrees),
         Lines([f"eigenvalues {values}; the first carries {regression.cumulative_[0]:.2%}", *one.formulas()]),
         Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), left),
