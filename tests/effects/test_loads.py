@@ -4,8 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.effects.made_up import bare_conditions
+from pouring_robot.effects.registry import all_effects
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
+from pouring_robot.robot.description.definition import RobotDefinition
 from tests.effects.bench import (
     CENTRE_OF_MASS,
     CHANNELS,
@@ -154,6 +158,36 @@ def test_lines_of_deflection(bench, form):
         assert line(np.full(len(along), post))[0] == pytest.approx(0.0, abs=1e-12)
     slope = (line(along + step)[0] - line(along - step)[0]) / (2.0 * step)
     assert line(along)[1] == pytest.approx(slope, rel=1e-6, abs=1e-10)
+
+
+@pytest.mark.parametrize("rail", ["x", "y"])
+@pytest.mark.parametrize("mounted", [(0.0, 0.0, 0.0), (np.pi, 0.0, 0.0), (0.3, -0.2, 0.5)])
+def test_a_base_sinks_where_weight_pulls_and_leans_along_its_rail(tmp_path, rail, mounted):
+    """However it is mounted: a beam along x pitches what one along y rolls."""
+    way = np.eye(3)["xyz".index(rail)]
+    urdf = f"""<robot name="hung"><link name="hall"/><link name="car"/><link name="base"/><link name="tool"/>
+      <joint name="rail" type="prismatic"><parent link="hall"/><child link="car"/>
+        <axis xyz="{" ".join(map(str, way))}"/><limit lower="0" upper="6" effort="1" velocity="1"/></joint>
+      <joint name="plate" type="fixed"><parent link="car"/><child link="base"/>
+        <origin rpy="{" ".join(map(str, mounted))}"/></joint>
+      <joint name="pan" type="continuous"><parent link="base"/><child link="tool"/></joint></robot>"""
+    (tmp_path / "hung.urdf").write_text(urdf, encoding="utf-8")
+    said = "name: hung\nurdf: hung.urdf\nbase_frame: base\nend_frame: tool\ntravel: [rail]\ndrives: [{joint: pan}]\n"
+    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
+    robot = RobotDefinition.load(tmp_path / "robot.yaml")
+    given = {"travels": {"rail": np.full(3, 1.5)}, "weight_n": np.full(3, 1000.0), "truss_span_m": 6.0}
+    rows = replace(bare_conditions(robot), **given)
+    axes = Rotation.from_euler("xyz", mounted).as_matrix()
+    parameters = {p.name: p.changes for p in all_effects(robot)["base_deflection"].form("half_sine", rows).parameters}
+    moved = {
+        name: axes @ [changes.get(f"base.{kind}{axis}", np.zeros(3))[0] for axis in "xyz"]
+        for kind, name in (("t", "sink"), ("r", "lean"))
+        for changes in [parameters[name]]
+    }
+    quarter = np.pi / 4.0  # half a sine over 6 m, a quarter of the way
+    np.testing.assert_allclose(moved["sink"], [0.0, 0.0, -1e-3 * np.sin(quarter)], rtol=0, atol=1e-15)
+    slope = 1e-3 * np.pi / 6.0 * np.cos(quarter)
+    np.testing.assert_allclose(moved["lean"], slope * np.cross(way, [0.0, 0.0, 1.0]), rtol=0, atol=1e-15)
 
 
 def test_dead_load_bends_whatever_is_in_the_ladle(bench):

@@ -11,10 +11,16 @@ from pouring_robot.effects.base import EffectParameter, Family, Form, channel, o
 from pouring_robot.effects.conditions import FORCE, Conditions
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.weight import up_in_base
+from pouring_robot.robot.description.definition import RobotDefinition
 
 _LATER = 0.2
 _LEAST = 1e-4
 """Share of the usual force, or of a newton carried, below which weight is taken to put none on a drive."""
+_ROUND_OFF = 1e-12
+"""Share of a direction that an axis of the base has no part in."""
+_UPRIGHT = 1e-3
+"""Sine of the angle to the vertical below which a travel is one that lifts."""
 _OWN = 0.5
 """By how much one drive may be softer than the others."""
 _ORDERS = 6
@@ -29,6 +35,30 @@ def _at(load: float, unit: str) -> str:
 def _contact(load: FloatArray) -> FloatArray:
     """Return how contacts of balls or teeth yield: with the power 2/3."""
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
+
+
+def _along(kind: str, direction: FloatArray, course: FloatArray) -> dict[str, FloatArray]:
+    """Return by how much a base is shifted (``t``) or turned (``r``) along a direction in its axes, (3,)."""
+    shares = zip("xyz", direction.tolist(), strict=True)
+    return {f"base.{kind}{axis}": share * course for axis, share in shares if abs(share) > _ROUND_OFF}
+
+
+@functools.lru_cache(maxsize=16)
+def _level(robot: RobotDefinition, travel: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the directions up, level across a travel, and level along it, in base axes, (3,) each.
+
+    Where the travel leads nowhere level, which ways are across and along is a matter of names.
+    """
+    mechanism = robot.mechanism()
+    up, ways = up_in_base(mechanism), [*np.eye(3)[[1, 2, 0]]]
+    if travel in mechanism.joint_columns:
+        joint = mechanism.joint_id(travel)
+        frames = mechanism.frames_at(mechanism.neutral_configuration())
+        base = frames.oMf[mechanism.frame_id(mechanism.loops.base_frame)].rotation
+        ways.insert(0, base.T @ frames.oMi[joint].rotation @ mechanism.joint_axes([joint])[0, :3])
+    across = next(level for way in ways if np.linalg.norm(level := np.cross(way, up)) > _UPRIGHT)
+    across /= np.linalg.norm(across)
+    return up, across, np.cross(up, across)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -166,7 +196,9 @@ class Deflection(Family):
         """A moving load on two posts, an even load, half a sine, to which torsion and dead load may add; or any line.
 
         Any line is a polynomial of the place, for sinking, roll and pitch each: rails that yield unlike each other.
+        What leans with a slope turns about the level direction across the beam.
         """
+        up, across, along = _level(conditions.robot, self.travel.removesuffix("_m"))
         span = float(conditions.truss_span_m or np.nan)
         x = np.asarray(conditions.value(self.travel)) / span
         lines = {
@@ -178,24 +210,28 @@ class Deflection(Family):
         found = []
         for name, (sink, slope) in lines.items():
             courses = (
-                ("sink", "mm", 1.0, "base.tz", -MM * sink, True),
-                ("lean", "mrad m/mm", 1.0, "base.rx", MRAD * slope, True),
-                ("torsion", "mrad", 0.5, "base.rx", MRAD * sink, False),
+                ("sink", "mm", 1.0, _along("t", up, -MM * sink), True),
+                ("lean", "mrad m/mm", 1.0, _along("r", across, MRAD * slope), True),
+                ("torsion", "mrad", 0.5, _along("r", across, MRAD * sink), False),
             )
             parameters = [
                 EffectParameter(
-                    f"{dead}{label}", unit + per, share * prior_std, {moved: course * weighed}, main and not dead
+                    f"{dead}{label}",
+                    unit + per,
+                    share * prior_std,
+                    {moved: course * weighed for moved, course in moves.items()},
+                    main and not dead,
                 )
                 for dead, per, share, weighed in (("", f" {at}", 1.0, load), ("dead_", "", 0.3, 1.0))
-                for label, unit, prior_std, moved, course, main in courses
+                for label, unit, prior_std, moves, main in courses
             ]
             found.append(Form(name, tuple(parameters)))
         line = legvander(2.0 * x - 1.0, _ORDERS).T
-        moves = (("sink", "mm", "base.tz", -MM), ("roll", "mrad", "base.rx", MRAD), ("pitch", "mrad", "base.ry", MRAD))
+        turns = ("roll", "mrad", "r", MRAD * across), ("pitch", "mrad", "r", MRAD * along)
         free = [
-            EffectParameter(f"{name}{way}_{order}", f"{unit} {at}", 1.0 / (1 + order), {where: si * course}, main)
+            EffectParameter(f"{name}{way}_{order}", f"{unit} {at}", 1.0 / (1 + order), _along(kind, to, course), main)
             for name, main, weighed in (("", True, line * load), ("dead_", False, line))
-            for way, unit, where, si in moves
+            for way, unit, kind, to in (("sink", "mm", "t", -MM * up), *turns)
             for order, course in enumerate(weighed)
         ]
         return (*found, Form("any_line", tuple(free)))
