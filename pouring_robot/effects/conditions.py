@@ -148,8 +148,8 @@ class Conditions:
 
     @property
     def mean_span_m(self) -> FloatArray:
-        """Mean of :attr:`spans` in the campaign, (D,)."""
-        return np.array(self.learned.mean_span_m) if self.learned else self.spans.mean(axis=0)
+        """Mean of :attr:`spans` in the campaign, (D,), whichever way from zero a slide goes."""
+        return np.array(self.learned.mean_span_m) if self.learned else np.abs(self.spans).mean(axis=0)
 
     @property
     def mean_force(self) -> FloatArray:

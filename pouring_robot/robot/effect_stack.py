@@ -26,7 +26,8 @@ class LearnedCampaign(StrictModel):
     # arcs of a turn in which each turning drive stood, by joint; of one that is left out the whole turn
     seen_rad: dict[str, list[Range]] = pydantic.Field(default_factory=dict)
     sessions: dict[str, pydantic.PositiveInt] = pydantic.Field(min_length=1)  # how many rows each session has
-    mean_span_m: list[float]  # mean distance of the joints at both ends of each drive, or value of one that turns
+    # mean distance of the joints at both ends of each drive, or value of one that turns, without their signs
+    mean_span_m: list[float]
     # mean of the absolute force or moment on each drive, in N and Nm; empty: not known
     mean_force: list[pydantic.NonNegativeFloat] = pydantic.Field(default_factory=list)
     # whether the model that was learned here was further from the held-out rows than the one before: not to be used

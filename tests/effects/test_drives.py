@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.problem import Library
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.families.drives import Periodic
+from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
@@ -239,3 +242,23 @@ def test_of_slides_those_without_a_screw_have_no_period():
     effect = Periodic("drive_periodic", "", (screw, motor, other), **given)
     assert (effect.needs, effect.drives) == ((), (screw, other))
     assert Periodic("drive_periodic", "", (motor,), **given).needs == ("screw_pitch_m",)
+
+
+def test_a_screw_on_both_sides_of_its_zero_wobbles_by_what_it_wobbles(tmp_path):
+    """More towards one end, as a bent one does: not many times as far, nor by no number where it stands still."""
+    joint = """<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>
+      <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+    links = "".join(f'<link name="{name}"/>' for name in ("bed", "saddle", "table"))
+    slides = joint.format("x", "bed", "saddle", "1 0 0") + joint.format("y", "saddle", "table", "0 1 0")
+    (tmp_path / "stage.urdf").write_text(f'<robot name="stage">{links}{slides}</robot>', encoding="utf-8")
+    said = "name: stage\nurdf: stage.urdf\nbase_frame: bed\nend_frame: table\n"
+    drives = "drives: [{joint: x, column: a}, {joint: y, column: b}]\n"
+    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}{drives}", encoding="utf-8")
+    robot = RobotDefinition.load(tmp_path / "robot.yaml")
+    out = np.linspace(0.02, 0.7, 20)
+    commands = np.column_stack([np.concatenate([out, -out]), np.zeros(40)])
+    rows = replace(bare_conditions(robot, 40), drives=commands, screw_pitch_m=0.01)
+    parameters = all_effects(robot)["drive_periodic"].form("turns", rows).parameters
+    sizes = {p.name: p.prior_std * np.abs(next(iter(p.changes.values()))).max() for p in parameters}
+    for drive, name in itertools.product("ab", ("sine", "cosine")):
+        assert sizes[f"{drive}_{name}_1_by_length"] <= 4.0 * max(sizes[f"{drive}_{name}_1"], 1e-6)

@@ -199,7 +199,8 @@ class Periodic(Family):
             for name, wave in _WAVES
         ]
         if not self.of_turn:  # a bent screw wobbles more the farther its nut is from the bearings
-            along = conditions.spans[:, columns] / conditions.mean_span_m[columns] - 1.0
+            usual = conditions.mean_span_m[columns]
+            along = conditions.spans[:, columns] / np.where(usual == 0.0, 1.0, usual) - 1.0
             parameters += [
                 of_drive(d, f"{name}_1_by_length", self.sizes[0], wave(phase) * along[:, k], main=False)
                 for k, (d, phase) in enumerate(zip(self.drives, phases, strict=True))
