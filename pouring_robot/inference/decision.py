@@ -23,6 +23,8 @@ Varied = Callable[[str], Iterable[Process]]
 """Gives the processes by which the size of an effect that is at work may vary, by its id."""
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 _MOST_PARTS = 3
+_CLOSE = 12.0
+"""How far behind in evidence (nats), the least that they may be, alternatives are no more."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,10 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.false_names}
     squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
     forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
-    same = {e.effect for e in forms if squared - hypothesis.explained_by(e, indices) < thresholds.hidden}
+    alike = [item for item in forms if squared - hypothesis.explained_by(item, indices) < thresholds.hidden]
+    # Waves add up to any line, but only if all of many are as large as that takes: no tie.
+    least = hypothesis.evidence_of_fewest(indices, thresholds.hidden) - _CLOSE
+    same = {e.effect for e in alike if hypothesis.evidence_of_fewest(indices, thresholds.hidden, e) > least}
     probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
@@ -285,7 +290,7 @@ def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds
     return (1.0 - thresholds.false_names) * float(expit(evidence + log_prior_odds(len(hypothesis.problem.known))))
 
 
-def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
+def _rivals(hypothesis: Hypothesis, indices: Sequence[int]) -> dict[str, float]:
     """Return by how much other effects in the place of one change the log evidence, best form of each, in nats.
 
     A form counts only as long as it is the effect it is called: where the best one is bent, the next is tried.
@@ -293,7 +298,7 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
     own, bare, rest = hypothesis.worth(indices), hypothesis.without(indices), hypothesis.without_items(indices)
     found: dict[str, float] = {}
     for worth, item in bare.contenders(hypothesis.rivals):
-        if worth.evidence > own - close and item.effect not in found:
+        if worth.evidence > own - _CLOSE and item.effect not in found:
             other = rest.with_item(item, worth.scale)
             if credible(other, len(other.items) - 1):
                 found[item.effect] = other.log_evidence - hypothesis.log_evidence

@@ -285,6 +285,26 @@ def evidences(
     return np.asarray(peak + np.log(np.exp(values - peak).mean(axis=0)))  # of thousands SciPy's takes thrice as long
 
 
+def evidence_of_fewest(columns: FloatArray, projected: FloatArray, explained: float) -> float:
+    """Return the log evidence of the fewest columns that explain a sum of squares at the widest scale, in nats.
+
+    Of all columns where even they do not. The next one is always that which explains most beside those before
+    (orthogonal matching pursuit: Pati, Rezaiifar & Krishnaprasad, Asilomar Conference, 1993).
+    """
+    left, inner = projected.copy(), columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
+    chosen: list[int] = []
+    while explained > 0.0 and len(chosen) < len(columns):
+        gains = left**2 / inner.diagonal()
+        gains[chosen] = 0.0
+        best = int(gains.argmax())
+        chosen.append(best)
+        explained -= float(gains[best])
+        beside = inner[best] / inner[best, best]
+        left, inner = left - beside * left[best], inner - np.outer(beside, inner[best])
+        inner[chosen, chosen] = 1.0  # nothing but round-off is left of them
+    return float(evidences(columns[np.ix_(chosen, chosen)], projected[chosen, None])[0]) if chosen else 0.0
+
+
 def _grid(count: int, main: BoolArray | None, unit: float) -> tuple[list[Scale], FloatArray]:
     """Return shaping scales (p) and the weights of columns at each of them, (p, k)."""
     main = np.ones(count, dtype=bool) if main is None else main

@@ -17,6 +17,7 @@ from pouring_robot.inference.evidence import (
     Scale,
     bayes_factor,
     chunks,
+    evidence_of_fewest,
     evidence_together,
     most_evidence,
     most_within,
@@ -382,6 +383,16 @@ class Hypothesis:
         main, columns = self.problem.places(item)[item.main], self.problem.gram.columns
         inner, projected = columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values
         return 2.0 * (most_evidence(inner, projected) if limits is None else most_within(inner, projected, limits))
+
+    def evidence_of_fewest(self, indices: Iterable[int], left: float, item: Explanation | None = None) -> float:
+        """Return the log evidence, for the part of some items, of the fewest parameters that leave no more of it.
+
+        In nats; of the main ones of an explanation, or of their own. Each counts as if nothing else were of its effect.
+        """
+        places, values = self._together(indices)
+        own, columns = places if item is None else self.problem.places(item)[item.main], self.problem.gram.columns
+        projected, explained = columns[np.ix_(own, places)] @ values, self.squared_size(*indices) - left
+        return evidence_of_fewest(columns[np.ix_(own, own)], projected, explained)
 
     def main_share(self, index: int, *, bounded: bool = True) -> float:
         """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares.

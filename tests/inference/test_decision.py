@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import hadamard
 from scipy.optimize import brentq
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm
@@ -245,6 +246,15 @@ def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
     # A column of length 1 makes all but one part in 1 + s² of what it points to, s the widest scale.
     left = 1.0 - (1.0 - factor * hidden(0.01) / share(SURE) ** 2) * (1.0 + SCALES[-1] ** -2)
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, np.sqrt(1.0 - left)))]
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds())
+    assert found.alternatives == (("b",) if named else ())
+
+
+@pytest.mark.parametrize(("count", "named"), [(2, True), (8, False)])
+def test_what_takes_many_parameters_to_add_up_to_it_does_not_explain_as_well(count, named):
+    """Each of n orthogonal ones of amplitude a/√n costs ½ (1 + ln(a²/n)) at its best scale: 3 nats more, and 16."""
+    several = axis(*range(count)) @ hadamard(count) / np.sqrt(count)
+    items = [explanation("a", axis(0)), explanation("b", several)]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds())
     assert found.alternatives == (("b",) if named else ())
 
