@@ -52,8 +52,11 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     story = "the zeros of the drives are set wrong"
     for entry, name in zip(_each(groups, "drive_zero_offset", "zero", story), groups, strict=True):
         yield replace(entry, options={**entry.options, "size": _ZERO_MRAD if name in turns else 1.0})
-    story = "the drives go further or less far than the controller believes, in proportion or with a build-up"
-    yield from _each(slides, "drive_scale", "scale", story, _LEAD)
+    slide = "the drives go further or less far than the controller believes, in proportion or with a build-up"
+    story = "the drives turn further or less far than the controller believes, in proportion: by gear, belt or encoder"
+    for entry, name in zip(_each(groups, "drive_scale", "ratio", story), groups, strict=True):
+        lead = replace(entry, family="scale", story=slide, options={**entry.options, **_LEAD})
+        yield lead if name in slides else entry
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"
     yield from _each(slides, "drive_periodic", "periodic", story, {"sizes": (1.0, 0.25, 0.1), "period": "pitch"})
     story = (

@@ -1,4 +1,4 @@
-"""Errors so large that one cause looks like another to first order: the elbow of a SCARA, homed some degrees off."""
+"""Errors so large that one cause looks like another to first order: the elbow of a SCARA, homed or geared wrong."""
 
 import csv
 from pathlib import Path
@@ -27,8 +27,11 @@ def pose(drives):
     return place, both * Rotation.from_euler("z", -wrist)
 
 
-def written(folder: Path, offset_rad: float) -> Campaign:
-    """Return a campaign of 60 poses of the arm whose elbow stands so far from where it is said to."""
+def written(folder: Path, offset_rad: float = 0.0, ratio: float = 0.0, home_rad: float = 0.0) -> Campaign:
+    """Return a campaign of 60 poses of the arm whose elbow stands elsewhere than it is said to.
+
+    It is so far off where it was homed, and goes further from there by a share of its way.
+    """
     joints = zip(("base", "arm", "forearm", "spindle"), ("arm", "forearm", "spindle", "tool"), JOINTS, strict=True)
     lines = [
         f'<joint name="{name}" type="{kind}"><parent link="{before}"/><child link="{after}"/>'
@@ -52,7 +55,8 @@ def written(folder: Path, offset_rad: float) -> Campaign:
         heads = ("shoulder_rad", "elbow_rad", "quill_m", "wrist_rad", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
         table.writerow(heads)
         for command in rng.uniform(LOW, HIGH, (60, 4)):
-            place, turn = pose(command + np.array([0.0, offset_rad, 0.0, 0.0]))
+            off = offset_rad + ratio * (command[1] - home_rad)
+            place, turn = pose(command + np.array([0.0, off, 0.0, 0.0]))
             seen = tracker.apply(place + turn.apply(target)) + rng.normal(0.0, NOISE, 3) + [2.0, -1.0, 0.5]
             turned = Rotation.from_rotvec(rng.normal(0.0, NOISE, 3)) * tracker * turn
             table.writerow([*command, *seen, *turned.as_rotvec()])
@@ -65,7 +69,7 @@ def test_a_zero_that_is_degrees_off_is_told_and_what_does_the_same(tmp_path, off
 
     Settled from the drawing's derivatives joints that stand elsewhere alone were named, 99 % sure.
     """
-    campaign = written(tmp_path, np.radians(offset_deg))
+    campaign = written(tmp_path, offset_rad=np.radians(offset_deg))
     found = diagnose(campaign, RobotModel.for_robot(tmp_path / "scara.yaml"))
     (zero,) = found.effects
     assert found.judgement.verdict == "group"
@@ -73,3 +77,15 @@ def test_a_zero_that_is_degrees_off_is_told_and_what_does_the_same(tmp_path, off
     assert zero.cause.effect == "drive_zero_offset.rotations"
     (elbow,) = (one for one in zero.parameters if one.parameter.name.startswith("elbow"))
     assert abs(elbow.value) == pytest.approx(1e3 * np.radians(abs(offset_deg)), abs=5.0 * elbow.std)
+
+
+@pytest.mark.parametrize(("ratio", "home_rad"), [(-0.003, 0.0), (0.03, -2.2)])
+def test_a_wrong_gear_ratio_is_told_from_waves_of_the_joints_turn(tmp_path, ratio, home_rad):
+    """Waves add up to a line over less than a turn, but it takes many, each as large as needed; they were named."""
+    campaign = written(tmp_path, ratio=ratio, home_rad=home_rad)
+    found = diagnose(campaign, RobotModel.for_robot(tmp_path / "scara.yaml"))
+    (cause,) = found.effects
+    assert (found.verdict, cause.cause.effect) == ("named", "drive_scale.rotations")
+    (elbow,) = (one for one in cause.parameters if one.parameter.name == "elbow_scale")
+    assert elbow.value == pytest.approx(1e3 * ratio, abs=4.0 * elbow.std)  # of one draw
+    assert elbow.std < 0.02  # mrad/rad

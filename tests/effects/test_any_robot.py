@@ -17,7 +17,7 @@ from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.families.drives import Scale
+from pouring_robot.effects.families.drives import Ratio, Scale
 from pouring_robot.effects.made_up import complete_conditions
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
@@ -37,7 +37,7 @@ NOISE = NoiseLevel.stated(5e-5, 6e-5)
 ROWS = 24
 EVERY = ("joint_placement", "link_thermal_expansion", "base_drift", "metrology_scale", "session_offset")
 SLIDING = ("drive_zero_offset", "drive_scale", "drive_periodic", "drive_backlash", "drive_compliance")
-TURNING = ("drive_zero_offset", "joint_periodic", "drive_backlash", "drive_compliance")
+TURNING = ("drive_zero_offset", "drive_scale", "joint_periodic", "drive_backlash", "drive_compliance")
 IDS = {
     "arm": (*TURNING, "joint_compliance", *EVERY),
     "delta": TURNING + EVERY,
@@ -281,6 +281,16 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
     (said,) = Scale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
     assert said.startswith(f"{drive.words}: its lead is {lead}, or {more}, ")
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(30.0, "+3.0000 ± 0.0012 %"), (-0.3, "-300 ± 12 ppm")], ids=["percent", "ppm"]
+)
+def test_a_ratio_is_told_as_a_share(share, said):
+    drive, other, *_ = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition.drives
+    name = f"{drive.symbol}_scale"
+    (line,) = Ratio("drive_scale", "", (drive, other)).in_words({name: share}, {name: 0.006})
+    assert line == f"{drive.words}: it turns {said} further than its command says (95 %)"
 
 
 def yields(folder, efforts):

@@ -199,11 +199,10 @@ LARGEST = {
 
 
 def effects_of(machine: Machine) -> tuple[str, ...]:
-    """Return the effects that make sense for a machine: what slides has a scale, what gravity moves yields.
+    """Return the effects that make sense for a machine: what gravity moves yields.
 
     What it does to the joints of closed chains hangs on how stiff all are.
     """
-    without = {"scale"} if machine.unit != "m" else set()
-    without |= {"compliance"} if machine.weight is None else set()
+    without = {"compliance"} if machine.weight is None else set()
     without |= {"soft_joints"} if machine.moments is None else set()
     return tuple(name for name in EFFECTS if name not in without)

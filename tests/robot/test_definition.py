@@ -207,7 +207,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
     definition = RobotDefinition.load(arm)
     assert {name: [drive.joint for drive in drives] for name, drives in definition.groups.items()} == found
     assert {"tip", *found} < set(definition.thermometers)
-    scales = [e for e in causes_of(definition).entries if e.id.partition(".")[0] in ("drive_scale", "joint_periodic")]
+    scales = [e for e in causes_of(definition).entries if e.id.partition(".")[0] == "drive_scale"]
     assert sorted(joint for entry in scales for joint in entry.options["drives"]) == ["reach", "shoulder"]
 
 

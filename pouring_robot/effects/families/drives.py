@@ -10,15 +10,16 @@ import numpy as np
 from pouring_robot.effects.base import Family, Form, of_drive, of_each
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.intervals import Z95, value_and_half_width
-from pouring_robot.io.units import MM, shown_in
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.io.units import MM, MRAD, shown_in
+from pouring_robot.mechanism.arrays import Z95, FloatArray
+from pouring_robot.robot.description.definition import Drive
 from pouring_robot.robot.description.drive import Drive
 
 _SHOWN_ORDERS = 3
 _TURN = 2.0 * np.pi
 _TELLS_ORDERS_DEG = 270.0
 """Over less of a turn waves of neighbouring orders go along by three tenths or more: sin x over x of half the arc."""
-_FINE = 1e-4
+_FINE, _SMALL = 1e-4, 1e-3
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
 
 _PRESSED = "pressed_from_"
@@ -108,6 +109,39 @@ class Scale(Family):
                 stroke = lengths - (self.middle_m + ends * self.half_stroke_m)
                 found.append(Form(name, (*each("scale", 1.0, stroke, per="/m"), *home, *progressive)))
         return tuple(found)
+
+
+@dataclass(eq=False)
+class Ratio(Family):
+    """Error in proportion to the angle of turning drives: another gear ratio, another count a turn."""
+
+    driven_by = "angles_rad"
+    _SIZE = 10.0
+    """In mrad/rad: a tooth of a hundred, as a strain-wave gear of 100 turns 101 to one on its other spline."""
+
+    def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
+        """By how much further each drive turns than its command says, as a share."""
+        lines = []
+        for drive in self.drives:
+            if (name := f"{drive.symbol}_scale") in values:  # not in a form of another drive alone
+                share, std = MRAD * values[name], MRAD * stds.get(name, 0.0)
+                per, unit = (1e6, "ppm") if abs(share) < _SMALL else (100.0, "%")
+                told = _told(per * np.array([share, std]), unit)
+                lines.append(f"{drive.words}: it turns {told} further than its command says (95 %)")
+        return tuple(lines)
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """In proportion to the angle from where the count is zero, or from where it was homed; of all, or of one alone.
+
+        Homed a radian off, a ratio leaves as much of an offset as it adds in a radian.
+        """
+        angles = conditions.drives - [drive.zero for drive in conditions.robot.drives]
+        scale = of_each(conditions, self.drives, "scale", self._SIZE, angles, per="/rad")
+        home = of_each(conditions, self.drives, "home", self._SIZE, np.ones(angles.shape), main=False)
+        forms = [Form("all", tuple(scale)), Form("all_from_home", (*scale, *home))]
+        for drive, *each in zip(self.drives, scale, home, strict=True) if len(scale) > 1 else ():
+            forms += [Form(f"{drive.symbol}_alone", (each[0],)), Form(f"{drive.symbol}_from_home", tuple(each))]
+        return tuple(forms)
 
 
 def _told(found: FloatArray, unit: str) -> str:
