@@ -35,8 +35,11 @@ from pouring_robot.robot.pouring.definition import PouringDefinition
 
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
-_LARGEST_SHARE, _LARGEST_MRAD = 0.1, 100.0
-"""Of the robot's reach, and of a turn: more is a mistake of units or another robot, not an error of this one."""
+_LARGEST_SHARE = 0.1
+"""Of the robot's reach: more is a mistake of units or another robot, not an error of this one."""
+_LARGEST_MRAD = {"placement error": (100.0, ""), "drive offset": (200.0 * np.pi, ", a tenth of a turn")}
+"""The same of turns: a link turned by 100 mrad moves what it carries by a tenth of how far off that is. The zero of a
+drive hangs on no part's shape but on how it was homed, and may be teeth of a gear off."""
 
 
 class JointPlacement(StrictModel):
@@ -271,7 +274,7 @@ class RobotModel(StrictModel):
     def check_errors(self) -> None:
         """Raise BadInputError unless each offset is one of a drive in its unit, and no error is too large to be one.
 
-        More than a tenth of the robot's reach, or 100 mrad, is.
+        More than a tenth of the robot's reach, or 100 mrad, is; of a drive that turns, more than a tenth of a turn.
         """
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
@@ -288,9 +291,10 @@ class RobotModel(StrictModel):
     def _check_size(self, joint: str, kind: str, lengths_mm: tuple[float, ...], turns_mrad: tuple[float, ...]) -> None:
         length, turn = (max(values, key=abs) for values in (lengths_mm, turns_mrad))
         limit = _LARGEST_SHARE * self.definition.reach_m / MM if length else 0.0
+        limit_mrad, of = _LARGEST_MRAD[kind]
         for value, most, unit, why in (
             (length, limit, "mm", ", a tenth of the robot's reach"),
-            (turn, _LARGEST_MRAD, "mrad", ""),
+            (turn, limit_mrad, "mrad", of),
         ):
             if abs(value) > most:
                 raise TooLargeError(f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why})")

@@ -128,6 +128,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[0.2, -0.1, '0']\n", r"line 5: .*valid number \(it is '0'\)"),
         (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is no placement error.*check the unit"),
         (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200 mrad is no placement error"),
+        (HEAD + "drive_offsets: {leg4_s5: {offset_mrad: -629}}\n", "-629 mrad is no drive offset.*a tenth of a turn"),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
         (HEAD + "joint_placements: 5\n", "joint_placements"),
         (HEAD + "joint_placements:\n", "joint_placements"),
