@@ -206,12 +206,14 @@ class Diagnoser:
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
         mean, covariance = hypothesis.coefficients()
-        std, forms, found = np.sqrt(np.diag(covariance)), self.library.every_form, []
+        forms, found = self.library.every_form, []
         for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
             if group.key in forms:
-                parameters = forms[group.key].parameters
-                units = weights * np.array([p.prior_std for p in parameters])
-                values = zip(parameters, (units * mean[own]).tolist(), (units * std[own]).tolist(), strict=True)
+                form = forms[group.key]
+                units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
+                told = form.told(self.fitted) @ units if form.told else units
+                stds = np.sqrt(np.einsum("ij,jk,ik->i", told, covariance[own, own], told))
+                values = zip(form.parameters, (told @ mean[own]).tolist(), stds.tolist(), strict=True)
                 found.append((group.key, tuple(FoundParameter(*each) for each in values)))
         return found
 

@@ -18,7 +18,7 @@ See :mod:`pouring_robot.effects.available` for how a package offers its effects.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,8 +27,8 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
 LocalChanges = Mapping[str, FloatArray]
@@ -59,6 +59,9 @@ class Form:
     # a constant of which this form is one value: of forms that share it at most one is at work. "" for forms that may
     # be at work beside any other.
     one_of: str = ""
+    # what multiplies values to be told, (k, k), of rows that were fitted, (n,): where a sum of values changes nothing,
+    # it is as wide as their prior, and would be in the width of each
+    told: Callable[[BoolArray], FloatArray] | None = field(default=None, repr=False)
 
 
 class Effect(ABC):

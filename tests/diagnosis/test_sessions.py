@@ -42,6 +42,11 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(campaign):
     assert (found.verdict, [e.cause.effect for e in found.effects]) == ("named", ["session_offset"])
     assert {p.parameter.unit for p in found.effects[0].parameters} == {"mm"}
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
+    moved = np.random.default_rng(0).normal(0.0, 1.0, (4, 3))[:3]  # d is held out
+    told = found.effects[0].parameters[:9]
+    # Of a mean of 15 rows from one of 45, and hardly more by the frames; what all share is in no width.
+    np.testing.assert_allclose([p.std for p in told], SIGMA_MM * np.sqrt(1 / 15 - 1 / 45), rtol=0.1)
+    np.testing.assert_allclose([p.value for p in told], (moved - moved.mean(axis=0)).ravel(), atol=4 * told[0].std)
     said = "what session_offset is in session d, which is held out, no other session tells"
     assert any(line.startswith(said) for line in note_lines(found))
 

@@ -1,5 +1,6 @@
 """Families of effects of what stands around the robot: the ground under it and the device that measures it."""
 
+import functools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -8,7 +9,7 @@ import numpy as np
 from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, component_unit
 
 _SETTLING = (0.15, 0.3, 0.6)
@@ -58,16 +59,24 @@ class SessionOffset(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Six displacements of the base a session, or three without a turn; what all share is the frames'.
 
-        Of another session none is known.
+        Of another session none is known. They are told from their mean over the rows that were fitted.
         """
         moved = [
             replace(parameter, name=f"session_{k + 1}_{parameter.name}")
             for k, share in enumerate(conditions.session_shares.tolist())
             for parameter in _moved(np.where(conditions.session == -1, 0.0, conditions.in_session(k) - share))
         ]
-        shifted = [parameter for parameter in moved if parameter.unit == "mm"]
-        one_of = "whether it turns"
-        return Form("each_session", tuple(moved), one_of), Form("each_session_shifted", tuple(shifted), one_of)
+        ways = {"each_session": moved, "each_session_shifted": [p for p in moved if p.unit == "mm"]}
+        return tuple(
+            Form(name, tuple(found), "whether it turns", functools.partial(_from_mean, conditions.session, len(found)))
+            for name, found in ways.items()
+        )
+
+
+def _from_mean(session: Indices, count: int, fitted: BoolArray) -> FloatArray:
+    """Return what takes from so many displacements, session by session, the mean over some rows, (count, count)."""
+    shares = np.bincount(session[fitted], minlength=int(session.max()) + 1) / fitted.sum()
+    return np.kron(np.eye(len(shares)) - shares, np.eye(count // len(shares)))
 
 
 class MetrologyScale(Family):
