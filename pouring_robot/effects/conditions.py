@@ -27,7 +27,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
-RISE, FORCE, LOAD = "_rise_k", "_force", "payload_kg"
+RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
 _TURNED, _STILL = 1e-9, 1e-6
 _TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)
 """Angles that are no further apart are in one arc."""
@@ -201,6 +201,9 @@ class Conditions:
             group = self.robot.groups.get(name.removesuffix(FORCE), ())
             forces = None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
             return None if forces is None or not np.isfinite(forces).all() else forces
+        if name.endswith(SIDES):
+            group = self.robot.groups.get(name.removesuffix(SIDES), ())
+            return None if self.approach is None or not group else self.approach[:, self.places(group)]
         return self.travels.get(name.removesuffix("_m"))
 
     def in_session(self, number: int) -> FloatArray:
@@ -230,7 +233,7 @@ def condition_names(robot: RobotDefinition) -> frozenset[str]:
     }
     thermometers = {"ambient", *robot.thermometers, *(t.name for t in causes_of(robot).thermometers)}
     rises, travels = {f"{t}{RISE}" for t in thermometers}, {f"{t}_m" for t in robot.travels}
-    return frozenset(own | rises | travels | {f"{group}{FORCE}" for group in robot.groups})
+    return frozenset(own | rises | travels | {f"{group}{kind}" for group in robot.groups for kind in (FORCE, SIDES)})
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:

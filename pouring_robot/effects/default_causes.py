@@ -65,7 +65,8 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     )
     yield from _each(turns, "joint_periodic", "periodic", story, {"sizes": HARMONIC_SIZES, "all_main": True})
     story = "nuts and gears have play: a drive stops short on the side it came from"
-    yield from _each(groups, "drive_backlash", "lost_motion", story, _STROKE)
+    for entry, name in zip(_each(groups, "drive_backlash", "lost_motion", story, _STROKE), groups, strict=True):
+        yield replace(entry, options={**entry.options, "group": name if len(groups) > 1 else ""})
     story = "the drives yield to the forces that weight puts on them"
     for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
         sizes: dict[str, Any]

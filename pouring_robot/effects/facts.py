@@ -1,19 +1,18 @@
 """What is known of each condition: what to record for it, what to draw over it, how to make it tell effects apart."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pouring_robot.campaign.columns import approach_names
-from pouring_robot.effects.conditions import FORCE, LOAD, RISE, Conditions
+from pouring_robot.effects.conditions import FORCE, LOAD, RISE, SIDES, Conditions
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.cause_types import Causes, Thermometers
-from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0
 Drawn = Callable[[Conditions], tuple[str, FloatArray | None]]
@@ -65,7 +64,8 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
     )
     found |= {f"{t.name}{RISE}": _rise(t, causes.drive_thermometers.values()) for t in causes.thermometers}
-    found["approach"] = _approach(robot)
+    found["approach"] = replace(_approach("approach", robot.drives), word="side of approach")
+    found |= {f"{group}{SIDES}": _approach(f"{group}{SIDES}", drives) for group, drives in robot.groups.items()}
     found["time_s"] = Facts(_time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S)
     found["session"] = Facts(
         _drawn("session", "session", lambda number: 1.0 + number),
@@ -140,15 +140,14 @@ def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
     return Facts(axis, kind.word, sources, kind.record, kind.vary, kind.least_spread_k, expected=kind.expected)
 
 
-def _approach(robot: RobotDefinition) -> Facts:
-    columns = approach_names(robot)
+def _approach(name: str, drives: Sequence[Drive]) -> Facts:
+    columns = tuple(drive.approach_column for drive in drives)
     return Facts(
-        _drawn("drives that came from below", "approach", lambda side: 1.0 * (side > 0.0).sum(axis=1)),
-        "side of approach",
-        columns,
-        f"the side each drive was approached from ({columns[0]} to {columns[-1]})",
-        "measure the same poses from both sides of every drive",
-        1.0,
+        _drawn("drives that came from below", name, lambda side: 1.0 * (side > 0.0).sum(axis=1)),
+        sources=columns,
+        record=f"the side each drive was approached from ({' to '.join(dict.fromkeys((columns[0], columns[-1])))})",
+        vary="measure the same poses from both sides of every drive",
+        least_spread=1.0,
     )
 
 

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from pouring_robot.batch import engine_for
+from pouring_robot.effects import all_effects
 from pouring_robot.effects.default_causes import causes_of
+from pouring_robot.effects.facts import sources
+from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -209,6 +212,10 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
     assert {"tip", *found} < set(definition.thermometers)
     scales = [e for e in causes_of(definition).entries if e.id.partition(".")[0] == "drive_scale"]
     assert sorted(joint for entry in scales for joint in entry.options["drives"]) == ["reach", "shoulder"]
+    effects, columns = all_effects(definition), {"shoulder": "approach_turn", "reach": "approach_reach"}
+    for name, drives in found.items():  # it asks for what its own drives did
+        missing = effects[f"drive_backlash.{name}"].missing(bare_conditions(definition))
+        assert sources(missing, definition) == tuple(columns[drive] for drive in drives)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import Family, Form, of_drive, of_each
-from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.base import Family, Form, of_drive, of_each, value_and_half_width
+from pouring_robot.effects.conditions import SIDES, Conditions
 from pouring_robot.estimation.intervals import Z95, value_and_half_width
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import Z95, FloatArray
@@ -249,8 +249,12 @@ class LostMotion(Family):
 
     middle_m: float = 0.0  # of the stroke of sliding drives
     half_stroke_m: float = 1.0  # to either side
-    needs, shaped_by = ("approach",), ("weight_n",)
+    group: str = ""  # the drives' own, where there are others
+    shaped_by = ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
+
+    def __post_init__(self) -> None:
+        self.needs = (f"{self.group}{SIDES}" if self.group else "approach",)
 
     def _told(self, conditions: Conditions) -> tuple[Drive, ...]:
         """Return the drives of which it is known from where they came."""
