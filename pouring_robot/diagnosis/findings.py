@@ -92,7 +92,7 @@ class Findings:
         """What each effect that was tried and is in no sentence yet would be worth beside what was found, in nats."""
         problem, judgement = self.hypothesis.problem, self.judgement
         shown = {item.effect for item in problem.explanations if problem.shown(item)}
-        told = {*judgement.minor, *(cause.effect for cause in judgement.causes)}
+        told = {*judgement.minor, *(name for c in judgement.causes for name in (c.effect, *c.alternatives))}
         best = self.hypothesis.best_forms((self.hypothesis.rivals & shown) - told)
         return {effect: worth.evidence for effect, (worth, _) in best.items()}
 

@@ -75,6 +75,7 @@ def test_a_zero_that_is_degrees_off_is_told_and_what_does_the_same(tmp_path, off
     assert found.judgement.verdict == "group"
     assert {zero.cause.effect, *zero.cause.alternatives} >= {"drive_zero_offset.rotations", "joint_placement"}
     assert zero.cause.effect == "drive_zero_offset.rotations"
+    assert not {*found.spare} & {*zero.cause.alternatives}  # of which is said that they look like it
     (elbow,) = (one for one in zero.parameters if one.parameter.name.startswith("elbow"))
     assert abs(elbow.value) == pytest.approx(1e3 * np.radians(abs(offset_deg)), abs=5.0 * elbow.std)
 
