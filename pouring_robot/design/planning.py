@@ -154,15 +154,18 @@ class Planner:
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
             return telling(flat * share, self.nuisance, sizes)
-        self._refuse_undetermined("measurements all over the workspace", flat, asked)
+        self._refuse_undetermined("measurements all over the workspace", flat, asked, everywhere=True)
         return list(range(len(asked)))
 
-    def _refuse_undetermined(self, what: str, rows: FloatArray, parameters: Sequence[PlannedParameter]) -> None:
+    def _refuse_undetermined(
+        self, what: str, rows: FloatArray, parameters: Sequence[PlannedParameter], *, everywhere: bool = False
+    ) -> None:
         names = [*self._frame_names, *(p.name for p in parameters)]
         found = base_parameters(with_prior(rows, self._prior(parameters)), names, lead=self._frame_names)
         if found.deficient:
             reducible = not self.request.reduced and self.request.priors is None
-            raise UndeterminedError(what, found, set(self._frame_names), reducible=reducible)
+            names_of_frames = set(self._frame_names)
+            raise UndeterminedError(what, found, names_of_frames, reducible=reducible, everywhere=everywhere)
 
     @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:

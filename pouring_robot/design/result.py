@@ -29,7 +29,15 @@ from pouring_robot.robot.pouring.names import LEGS
 class UndeterminedError(BadInputError):
     """The measurements cannot determine the wanted parameters."""
 
-    def __init__(self, what: str, found: BaseParameters, frames: Collection[str], *, reducible: bool = True) -> None:
+    def __init__(
+        self,
+        what: str,
+        found: BaseParameters,
+        frames: Collection[str],
+        *,
+        reducible: bool = True,
+        everywhere: bool = False,
+    ) -> None:
         self.groups, self.unseen = found.groups, found.unseen  # which cannot be told apart; which have no effect
         # to be left out, so that the others are determined
         self.too_many = tuple(name for name in found.names if name not in found.base and name not in frames)
@@ -40,11 +48,14 @@ class UndeterminedError(BadInputError):
             parts.append(f"{group.hidden} of {some(own, 6, ' + ')}")
         parts += [f"{some(self.unseen, 4)} (without effect)"] if self.unseen else []
         count = len(found.names) - found.rank
-        leave = f"leave out {some(self.too_many, 6)} (--reduce does so), "
-        mend = leave if self.too_many and reducible else ""  # what is left of a reduction needs more poses
+        leave = [f"leave out {some(self.too_many, 6)}{' (--reduce does so)' if reducible else ''}"]
+        # What is left of a reduction needs more poses; what all poses together do not determine, no more of them.
+        mend = leave if self.too_many and (reducible or everywhere) else []
+        mend += [] if everywhere else ["plan more poses"]
+        mend += ["let tolerances count as priors (--priors)"] if reducible or not everywhere else []
         super().__init__(
             f"{what} cannot determine {count} combination{'s' if count > 1 else ''} of the parameters: "
-            f"{some(parts, 3, '; ')}; {mend}plan more poses, or let tolerances count as priors (--priors)"
+            f"{some(parts, 3, '; ')}; {', or '.join(mend)}{'; more poses do not help' if everywhere else ''}"
         )
 
 

@@ -388,6 +388,8 @@ def test_names_the_combinations_that_nothing_determines(robot):
     error = caught.value
     assert error.unseen == ("leg4_s1.ty",)
     assert "leg1_s1.ty + leg1_seat_mount.ty" in str(error) and "leg4_s1.ty (without effect)" in str(error)
+    assert str(error).endswith("or let tolerances count as priors (--priors); more poses do not help")
+    assert "leave out" in str(error) and "plan more poses" not in str(error)
     rest = {"leg1_s1.ty", "leg1_seat_mount.ty", "leg4_s1.ty"} - set(error.too_many)
     Planner(robot, PlanRequest(parameters=tuple(rest), **SMALL))
 
@@ -401,7 +403,7 @@ def test_of_frames_alone_no_parameter_is_to_be_left_out():
 def test_too_few_poses_are_refused(robot):
     with pytest.raises(UndeterminedError, match="a plan of 2") as caught:
         Planner(robot, PlanRequest(poses=2, parameters=("drives",), **SMALL)).plan()
-    assert "\n" not in str(caught.value) and "--reduce does so" in str(caught.value)
+    assert "\n" not in str(caught.value) and "--reduce does so), or plan more poses" in str(caught.value)
 
 
 def test_no_option_is_advised_that_is_given_already(robot):
