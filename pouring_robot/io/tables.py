@@ -22,7 +22,7 @@ EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _COMMENT = "; a line that begins with # is no comment here: delete it, or the # where it stands before headings"
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
-_DATE = re.compile(r"\d{1,4}([-/.:])\d{1,2}\1\d{1,4}.*")
+_DATE = re.compile(r"(?P<year>\d{4})?\d{0,2}(?P<mark>[-/.:])\d{1,2}((?P=mark)\d{1,4}.*)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 LARGEST = 1e9
 """No quantity comes near this, in any of its units; what does is a broken number."""
@@ -104,14 +104,22 @@ class Table:
                 wrong = _UNUSABLE if sparse else "is not a finite number"
                 if _DECIMAL_COMMA.fullmatch(shown):
                     wrong = "is no number: its decimal mark must be a point"
-                elif timed and _DATE.fullmatch(shown):
-                    wrong = "is a date or a time of day; write the time since the first row (in s: "
-                    wrong += "t = pandas.to_datetime(t); (t - t[0]).dt.total_seconds())"
+                elif timed and (date := _DATE.fullmatch(shown)):
+                    wrong = _is_a_date(day_or_month_first=not date["year"] and date["mark"] != ":")
                 said = empty if empty and not shown else f"'{shown}' {wrong}"
                 raise self.fault(said, row, self.headings[index]) from error
             if fault := size_fault(values[row], largest):
                 raise self.fault(fault, row, self.headings[index])
         return values
+
+
+def _is_a_date(*, day_or_month_first: bool) -> str:
+    """Return what is wrong with a date in a column of times; pandas takes 01.03. for the 3rd of January if not told."""
+    order, otherwise = (", dayfirst=True", "; False if the month comes first") if day_or_month_first else ("", "")
+    return (
+        "is a date or a time of day; write the time since the first row (in s: "
+        f"t = pandas.to_datetime(t{order}); (t - t[0]).dt.total_seconds(){otherwise})"
+    )
 
 
 def read_table(

@@ -1,8 +1,10 @@
 """Reading campaigns: units, missing cells, Parquet, and errors that name file, line and column."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pouring_robot.campaign.data import Campaign
@@ -129,6 +131,17 @@ def test_names_file_line_and_column(tmp_path, header, row, words):
     assert caught.value.exit_code == 2
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize("days", [("31.03.2026", "01.04.2026"), ("2026-03-31 10:00", "2026-04-01 10:00")])
+def test_what_is_said_of_dates_makes_times_of_them(tmp_path, days):
+    """Day first, pandas otherwise takes 01.04. for the 4th of January."""
+    with pytest.raises(CampaignError, match="is a date") as caught:
+        Campaign.read(write_text(tmp_path, HEADER, [ROW.replace("5.0", days[1])]))
+    first, then = re.search(r"in s: t = (.*?); (.*?\(\))", str(caught.value)).groups()
+    t = eval(first, {"pandas": pd, "t": pd.Series([days[1], days[0]])})
+    assert list(eval(then, {"t": t})) == [0.0, -86400.0]
+    assert ("dayfirst" in first) == ("if the month comes first" in str(caught.value)) == ("." in days[0])
 
 
 def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
