@@ -132,8 +132,8 @@ def test_the_command_writes_the_same_again(tmp_path, capsys):
     assert json.loads((tmp_path / "a" / "truth.json").read_text())["effects"][0]["effect"] == "lost_motion"
 
 
-def test_what_turns_has_no_scale_and_what_lies_flat_does_not_yield(tmp_path):
-    assert set(EFFECTS) - set(effects_of(MACHINES["arm"])) == {"scale"}
-    assert set(EFFECTS) - set(effects_of(MACHINES["five_bar"])) == {"scale", "compliance", "soft_joints"}
+def test_what_lies_flat_does_not_yield(tmp_path):
+    assert set(EFFECTS) == set(effects_of(MACHINES["arm"]))
+    assert set(EFFECTS) - set(effects_of(MACHINES["five_bar"])) == {"compliance", "soft_joints"}
     with pytest.raises(SystemExit):
-        main(["arm", "--effect", "scale", str(tmp_path)])
+        main(["five_bar", "--effect", "compliance", str(tmp_path)])
