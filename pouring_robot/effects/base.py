@@ -28,7 +28,7 @@ from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
 LocalChanges = Mapping[str, FloatArray]

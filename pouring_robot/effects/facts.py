@@ -12,7 +12,8 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.cause_types import Causes, Thermometers
-from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drive import Drive
 
 _KILO, _HOUR_S = 1e3, 3600.0
 Drawn = Callable[[Conditions], tuple[str, FloatArray | None]]

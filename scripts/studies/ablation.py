@@ -25,7 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis import state
+from pouring_robot.diagnosis import diagnoser
 from pouring_robot.diagnosis.problem import known_effects
 from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, priors, search
@@ -51,7 +51,7 @@ def _no_workmanship() -> None:
 
 def _no_softness() -> None:
     every = known_effects
-    _put(state, "known_effects", lambda *given: (item for item in every(*given) if item.cause))
+    _put(diagnoser, "known_effects", lambda *given: (item for item in every(*given) if item.cause))
 
 
 def _no_chance() -> None:
@@ -115,7 +115,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "soft joints": _no_softness,
     "the search goes on from what was found": lambda: _put(
-        state, "search", lambda problem, thresholds, *_: search.search(problem, thresholds)
+        diagnoser, "search", lambda problem, thresholds, *_: search.search(problem, thresholds)
     ),
     "what is far behind at first is not tried": lambda: _put(search, "_BRANCH_BEHIND", np.inf),
 }

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import Family, Form, of_drive, of_each, value_and_half_width
+from pouring_robot.effects.base import Family, Form, of_drive, of_each
 from pouring_robot.effects.conditions import SIDES, Conditions
 from pouring_robot.estimation.intervals import Z95, value_and_half_width
 from pouring_robot.io.units import MM, MRAD, shown_in
-from pouring_robot.mechanism.arrays import Z95, FloatArray
-from pouring_robot.robot.description.definition import Drive
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drive import Drive
 
 _SHOWN_ORDERS = 3
