@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.made_up import bare_conditions
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.effects.bench import (
