@@ -92,7 +92,7 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
         bounds = np.array([np.divide(p.bounds, p.prior_std) for p in form.parameters])
         known = bounds if whole and np.isfinite(bounds).any() else None
         columns = Signatures(rows, form.parameters, linear)
-        yield Explanation(effect, form.name, columns, main, one_of=form.one_of, bounds=known)
+        yield Explanation(effect, form.name, columns, main, one_of=form.one_of, bounds=known, series=form.series)
 
 
 def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:

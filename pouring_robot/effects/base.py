@@ -59,6 +59,7 @@ class Form:
     # a constant of which this form is one value: of forms that share it at most one is at work. "" for forms that may
     # be at work beside any other.
     one_of: str = ""
+    series: bool = False  # whether its parameters are terms of a series, enough of which add up to any course
     # what multiplies values to be told, (k, k), of rows that were fitted, (n,): where a sum of values changes nothing,
     # it is as wide as their prior, and would be in the width of each
     told: Callable[[BoolArray], FloatArray] | None = field(default=None, repr=False)

@@ -264,9 +264,9 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
     forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
     alike = [item for item in forms if squared - hypothesis.explained_by(item, indices) < thresholds.hidden]
-    # Waves add up to any line, but only if all of many are as large as that takes: no tie.
-    least = hypothesis.evidence_of_fewest(indices, thresholds.hidden) - _CLOSE
-    same = {e.effect for e in alike if hypothesis.evidence_of_fewest(indices, thresholds.hidden, e) > least}
+    # Terms of a series add up to any course, but only if each of many is as large as that takes: no tie.
+    fewest = functools.partial(hypothesis.evidence_of_fewest, indices, thresholds.hidden)
+    same = {e.effect for e in alike if not e.series or fewest(e) > fewest() - _CLOSE}
     probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.

@@ -83,6 +83,7 @@ class Explanation:
     # a constant of which the form is one value; "" for one that may be at work beside any of its effect
     one_of: str = ""
     bounds: FloatArray | None = None  # least and largest coefficient that nature allows, (k, 2); None: any is possible
+    series: bool = False  # whether its parameters are terms of a series, enough of which add up to any course
 
     @functools.cached_property
     def key(self) -> tuple[str, str]:

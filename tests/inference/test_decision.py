@@ -250,11 +250,11 @@ def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
     assert found.alternatives == (("b",) if named else ())
 
 
-@pytest.mark.parametrize(("count", "named"), [(2, True), (8, False)])
-def test_what_takes_many_parameters_to_add_up_to_it_does_not_explain_as_well(count, named):
+@pytest.mark.parametrize(("count", "series", "named"), [(2, True, True), (8, True, False), (8, False, True)])
+def test_a_series_that_takes_many_terms_to_add_up_to_it_does_not_explain_as_well(count, series, named):
     """Each of n orthogonal ones of amplitude a/√n costs ½ (1 + ln(a²/n)) at its best scale: 3 nats more, and 16."""
     several = axis(*range(count)) @ hadamard(count) / np.sqrt(count)
-    items = [explanation("a", axis(0)), explanation("b", several)]
+    items = [explanation("a", axis(0)), replace(explanation("b", several), series=series)]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds())
     assert found.alternatives == (("b",) if named else ())
 

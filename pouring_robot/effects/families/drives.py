@@ -239,7 +239,7 @@ class Periodic(Family):
                 for k, (d, phase) in enumerate(zip(self.drives, phases, strict=True))
                 for name, wave in _WAVES
             ]
-        return (Form("turns", tuple(parameters)),)
+        return (Form("turns", tuple(parameters), series=self.all_main),)
 
 
 @dataclass(eq=False)

@@ -68,8 +68,8 @@ class SessionOffset(Family):
         ]
         ways = {"each_session": moved, "each_session_shifted": [p for p in moved if p.unit == "mm"]}
         return tuple(
-            Form(name, tuple(found), "whether it turns", functools.partial(_from_mean, conditions.session, len(found)))
-            for name, found in ways.items()
+            Form(name, tuple(p), "whether it turns", told=functools.partial(_from_mean, conditions.session, len(p)))
+            for name, p in ways.items()
         )
 
 
