@@ -288,11 +288,11 @@ def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArra
         if max(linear, angular) < 1.0 - 1e-9 or min(linear, angular) > 1e-12:
             raise UnsupportedMechanismError(f"joint '{names[j]}' is neither revolute nor prismatic")
         revolute.append(bool(angular > linear))
-        turns.append(_turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
+        turns.append(turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
     return np.array(turns), np.array(revolute)
 
 
-def _turn_to(axis: FloatArray) -> FloatArray:
+def turn_to(axis: FloatArray) -> FloatArray:
     """Return a rotation whose third column is the axis; exact permutations for the coordinate axes."""
     unit = axis / np.linalg.norm(axis)
     helper = np.roll(np.eye(3)[int(np.argmax(np.abs(unit)))], 1)

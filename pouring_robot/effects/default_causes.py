@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch import engine_for
+from pouring_robot.batch.structure import turn_to
 from pouring_robot.exceptions import DescriptionError, closest
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.cause_types import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -20,9 +22,9 @@ HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
 those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
 _USUAL_MOMENT_NM = 100.0
+"""Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _ZERO_MRAD = 10.0
 """Usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree."""
-"""Where nobody says what drives are made for: of an arm that carries some 10 kg."""
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
 _NO_LIMITS_M, _LONGEST_M = (-1.0, 1.0), 100.0
@@ -106,7 +108,7 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
     middle = np.exp(np.log(list(strong.values())).mean()) if strong else 1.0
     slides = {joint for joint in axes if mechanism.unit_of(joint) == "m"}
     tilts = {
-        joint: "".join(n for n, share in zip("xyz", np.abs(axis), strict=True) if joint in slides or share < _ALONG)
+        joint: dict(zip("xyz", np.eye(3).tolist(), strict=True)) if joint in slides else _across(axis)
         for joint, axis in axes.items()
         if axis.any()
     }
@@ -118,6 +120,14 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
     story = "bearings and links give way: joints tilt under the moment of what they carry"
     options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
     yield CauseEntry("joint_compliance", "bearing", story, options)
+
+
+def _across(axis: FloatArray) -> dict[str, list[float]]:
+    """Return the directions across an axis, in a joint's placement, by name: u and v where it is none of x, y and z."""
+    names = [name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG]
+    if len(names) == 2:
+        return {name: np.eye(3)["xyz".index(name)].tolist() for name in names}
+    return dict(zip("uv", turn_to(axis).T[:2].tolist(), strict=True))
 
 
 def _usual_moment(robot: RobotDefinition) -> float:
@@ -182,12 +192,12 @@ def _zeros(robot: RobotDefinition, mechanism: ClosedChainMechanism, joint: str, 
     return {axis: before for axis, share in zip("xyz", along, strict=True) if axis in across and share > _ALONG}
 
 
-def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:
+def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
     """Return the axis of a joint of one freedom in its own placement, (3,); zeros for others."""
     model = mechanism.shared_model
     if not model.existJointName(joint) or model.nvs[model.getJointId(joint)] != 1:
         return np.zeros(3)
-    return mechanism.joint_axes([model.getJointId(joint)]).reshape(2, 3).sum(axis=0)
+    return np.asarray(mechanism.joint_axes([model.getJointId(joint)]).reshape(2, 3).sum(axis=0))
 
 
 def _thermometer(name: str) -> Thermometers:

@@ -149,15 +149,22 @@ def test_any_open_chain_is_diagnosed_with_or_without_masses(tmp_path, axis, weig
     assert effect.acts(found.diagnoser.rows.conditions) == acts
 
 
-def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
-    """Seen from a table that tilts, weight on the tool pulls aside; it is on the ram all the same, not the trunnion."""
-    (tmp_path / "mill.urdf").write_text(MILL, encoding="utf-8")
-    said = "name: mill\nurdf: mill.urdf\nbase_frame: table\nend_frame: tool\ndrives: [{joint: ram}, {joint: tilt}]\n"
-    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
-    robot, drives, load = Robot.load(tmp_path / "robot.yaml"), np.array([[0.1, 0.0], [0.2, 0.7]]), 50.0
+def mill_under_load(folder, drives, load, base="table", end="tool", axis="1 0 0"):
+    """Return the conditions of a mill whose table tilts about an axis, at drive values (n, 2) under a payload."""
+    (folder / "mill.urdf").write_text(MILL.replace('xyz="1 0 0"', f'xyz="{axis}"'), encoding="utf-8")
+    moved = "".join(f"{{joint: {name}}}, " for name in ("ram", "tilt") if end == "tool" or name == "tilt")
+    said = f"name: mill\nurdf: mill.urdf\nbase_frame: {base}\nend_frame: {end}\ndrives: [{moved}]\n"
+    (folder / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
+    robot = Robot.load(folder / "robot.yaml")
     engine = engine_for(robot.nominal_solver.mechanism)
     nominal = nominal_rows(robot.model.definition, engine, engine.close(drives, robot.drawing.starts(drives)))
-    given = conditions_of(RobotUnderConditions(robot, {"payload_kg": load})._rows(drives), nominal)
+    return conditions_of(RobotUnderConditions(robot, {"payload_kg": load})._rows(drives), nominal)
+
+
+def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
+    """Seen from a table that tilts, weight on the tool pulls aside; it is on the ram all the same, not the trunnion."""
+    drives, load = np.array([[0.1, 0.0], [0.2, 0.7]]), 50.0
+    given = mill_under_load(tmp_path, drives, load)
     tilt = drives[:, 1]
     table = -TABLE_KG * GRAVITY * (0.1 * np.cos(tilt) + 0.2 * np.sin(tilt))  # its centre stands at (0, 0.1, -0.2)
     carried = np.column_stack([np.full(2, -GRAVITY * (RAM_KG + load)), table])
@@ -165,3 +172,17 @@ def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
     np.testing.assert_allclose(given.force_by_weight, [[-1.0, 0.0]] * 2, rtol=0, atol=1e-12)
     np.testing.assert_allclose(given.joint_moments["ram.ry"], 0.3 * load * GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(given.joint_moments["tilt.rx"], table, rtol=1e-12)
+
+
+def test_a_bearing_yields_across_its_axis_whichever_way_that_points(tmp_path):
+    """Alike across it: in all by what of the moment is across the axis, and about the axis, where the drive is, not."""
+    axis, drives = np.array([0.0, 0.6, 0.8]), np.array([[0.2], [0.7]])
+    given = mill_under_load(tmp_path, drives, 30.0, "bed", "table", " ".join(map(str, axis)))
+    effect = all_effects(given.robot)["joint_compliance"]
+    turned = np.zeros((2, 3))
+    for parameter in effect.form("all", given).parameters:
+        turned += np.stack([parameter.changes.get(f"tilt.r{name}", np.zeros(2)) for name in "xyz"], axis=1)
+    moment = np.stack([given.joint_moments[f"tilt.r{name}"] for name in "xyz"], axis=1)
+    across = moment - np.outer(moment @ axis, axis)
+    np.testing.assert_allclose(turned, 1e-3 * across / effect.load, rtol=0, atol=1e-12)
+    assert np.abs(moment @ axis).min() > 1.0

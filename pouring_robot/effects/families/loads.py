@@ -37,10 +37,10 @@ def _contact(load: FloatArray) -> FloatArray:
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
 
 
-def _along(kind: str, direction: FloatArray, course: FloatArray) -> dict[str, FloatArray]:
-    """Return by how much a base is shifted (``t``) or turned (``r``) along a direction in its axes, (3,)."""
+def _along(what: str, direction: FloatArray, course: FloatArray) -> dict[str, FloatArray]:
+    """Return by how much a joint or the base is shifted (``.t``) or turned (``.r``) along a direction in it, (3,)."""
     shares = zip("xyz", direction.tolist(), strict=True)
-    return {f"base.{kind}{axis}": share * course for axis, share in shares if abs(share) > _ROUND_OFF}
+    return {f"{what}{axis}": share * course for axis, share in shares if abs(share) > _ROUND_OFF}
 
 
 @functools.lru_cache(maxsize=16)
@@ -146,7 +146,7 @@ class Bearing(Family):
     """
 
     load: float  # moment at which tilts are given, in Nm
-    tilts: Mapping[str, str]  # joint → axes of its placement about which it may tilt
+    tilts: Mapping[str, Mapping[str, Sequence[float]]]  # joint → about what it may tilt: directions in its placement
     sizes: Mapping[str, float]  # joint → how soft it is expected to be beside the others
     strokes: Mapping[str, tuple[float, float]]  # sliding joint → middle and half of its stroke, in m
     needs = ("joint_moments",)
@@ -154,8 +154,8 @@ class Bearing(Family):
 
     def acts(self, conditions: Conditions) -> bool:
         """Where what joints carry has a moment across their axes, to what a drawing rounds off."""
-        moments, across = conditions.joint_moments or {}, [f"{j}.r{axis}" for j in self.tilts for axis in self.tilts[j]]
-        return any(np.abs(moments[name]).max() > _LEAST * self.load for name in across if name in moments)
+        about = (self._moment(conditions, joint, way) for joint, ways in self.tilts.items() for way in ways.values())
+        return any(np.abs(moment).max() > _LEAST * self.load for moment in about)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All joints, or one of them."""
@@ -164,6 +164,13 @@ class Bearing(Family):
         every = tuple(p for found in by_joint.values() for p in found)
         return tuple(Form(name, found) for name, found in {"all": every, **alone}.items())
 
+    @staticmethod
+    def _moment(conditions: Conditions, joint: str, way: Sequence[float]) -> FloatArray:
+        """Return the moment on a joint about a direction in its placement, (n,), in Nm; none where nobody says it."""
+        moments = conditions.joint_moments or {}
+        shares = (share * moments.get(f"{joint}.r{axis}", 0.0) for axis, share in zip("xyz", way, strict=True) if share)
+        return np.asarray(sum(shares))
+
     def _of_joint(self, joint: str, conditions: Conditions) -> Iterator[EffectParameter]:
         """Yield its tilts; that about an axis that nothing turns it about in these rows is zero.
 
@@ -171,15 +178,15 @@ class Bearing(Family):
         that stands free for twice the length leans several times as far.
         """
         unit, size = f"mrad {_at(self.load, 'Nm')}", self.sizes[joint]
-        for axis in self.tilts[joint]:
-            name, where = f"{joint}.yield_{axis}", f"{joint}.r{axis}"
-            moment = (conditions.joint_moments or {})[where] / self.load
-            yield EffectParameter(name, unit, size, {where: MRAD * moment}, bounds=(0.0, np.inf))
+        for called, way in self.tilts[joint].items():
+            name, moment = f"{joint}.yield_{called}", self._moment(conditions, joint, way) / self.load
+            turned = functools.partial(_along, f"{joint}.r", np.array(way))
+            yield EffectParameter(name, unit, size, turned(MRAD * moment), bounds=(0.0, np.inf))
             if joint in self.strokes:
                 middle, half = self.strokes[joint]
                 out = (conditions.slides_m[joint] - middle) / half
                 for word, share, course in (("by_stroke", 1.0, out), ("by_stroke_squared", 0.5, out**2)):
-                    yield EffectParameter(f"{name}_{word}", unit, share * size, {where: MRAD * moment * course})
+                    yield EffectParameter(f"{name}_{word}", unit, share * size, turned(MRAD * moment * course))
 
 
 @dataclass(eq=False, kw_only=True)
@@ -210,9 +217,9 @@ class Deflection(Family):
         found = []
         for name, (sink, slope) in lines.items():
             courses = (
-                ("sink", "mm", 1.0, _along("t", up, -MM * sink), True),
-                ("lean", "mrad m/mm", 1.0, _along("r", across, MRAD * slope), True),
-                ("torsion", "mrad", 0.5, _along("r", across, MRAD * sink), False),
+                ("sink", "mm", 1.0, _along("base.t", up, -MM * sink), True),
+                ("lean", "mrad m/mm", 1.0, _along("base.r", across, MRAD * slope), True),
+                ("torsion", "mrad", 0.5, _along("base.r", across, MRAD * sink), False),
             )
             parameters = [
                 EffectParameter(
@@ -227,11 +234,11 @@ class Deflection(Family):
             ]
             found.append(Form(name, tuple(parameters)))
         line = legvander(2.0 * x - 1.0, _ORDERS).T
-        turns = ("roll", "mrad", "r", MRAD * across), ("pitch", "mrad", "r", MRAD * along)
+        turns = ("roll", "mrad", "base.r", MRAD * across), ("pitch", "mrad", "base.r", MRAD * along)
         free = [
-            EffectParameter(f"{name}{way}_{order}", f"{unit} {at}", 1.0 / (1 + order), _along(kind, to, course), main)
+            EffectParameter(f"{name}{way}_{order}", f"{unit} {at}", 1.0 / (1 + order), _along(what, to, course), main)
             for name, main, weighed in (("", True, line * load), ("dead_", False, line))
-            for way, unit, kind, to in (("sink", "mm", "t", -MM * up), *turns)
+            for way, unit, what, to in (("sink", "mm", "base.t", -MM * up), *turns)
             for order, course in enumerate(weighed)
         ]
         return (*found, Form("any_line", tuple(free)))
