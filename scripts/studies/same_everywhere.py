@@ -9,6 +9,7 @@ nothing, missing. Prints a Markdown table of the largest differences to the firs
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import re
@@ -107,7 +108,7 @@ def kind_of(name: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study and return its exit code."""
-    del arguments
+    argparse.ArgumentParser(description=__doc__.partition("\n")[0]).parse_args(arguments)
     differ = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
