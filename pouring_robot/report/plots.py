@@ -94,9 +94,11 @@ def svg_of(figure: Any) -> str:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
         figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)
     root = etree.fromstring(stream.getvalue())
-    # As small as it was drawn, so that a phone keeps the letters' size and scrolls; a page is 60rem wide at most.
-    least = f"min-width: min({root.get('width')}, 60rem)"
-    root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; fill: currentColor; {least}")
+    # About as large as it was drawn, so that a phone keeps the letters' size and scrolls, and a page with room does not
+    # blow it up; a page is 60rem wide at most.
+    width = root.get("width")
+    size = f"min-width: min({width}, 60rem); max-width: min(1.25 * {width}, 60rem)"
+    root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; fill: currentColor; {size}")
     for style in root.iter(f"{_SVG}style"):
         style.getparent().remove(style)  # it would be the whole page's
     for group in root.iter(f"{_SVG}g"):

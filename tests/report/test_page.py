@@ -108,6 +108,12 @@ def pointed():
     return svg_of(figure)
 
 
+def test_a_picture_is_about_as_large_as_it_was_drawn():
+    figure = new_figure(4.0, 3.0)
+    figure.subplots()
+    assert "min-width: min(288pt, 60rem); max-width: min(1.25 * 288pt, 60rem)" in svg_of(figure)
+
+
 def test_points_of_a_plot_say_what_they_are():
     svg = pointed()
     assert svg == pointed()  # no date, no random names
