@@ -93,7 +93,7 @@ def _drawn(label: str, name: str, shown: Callable[[Any], FloatArray] = np.asarra
 
 
 def _time(given: Conditions) -> tuple[str, FloatArray | None]:
-    return ("time [h]", given.time_s / _HOUR_S) if given.time_known else ("time [row]", given.time_s)
+    return ("time [h]", given.time_s / _HOUR_S) if given.time_known else ("row", given.time_s)
 
 
 def _screw(given: Conditions) -> tuple[str, FloatArray | None]:

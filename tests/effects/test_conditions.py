@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from pouring_robot.effects.facts import axis_over
 from pouring_robot.effects.made_up import complete_conditions
 from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
@@ -121,6 +122,7 @@ def test_single_missing_cells_are_filled_from_their_neighbours_in_time(bench, co
 def test_without_times_rows_follow_each_other(bench):
     given = bench.without("time")
     assert not given.time_known
+    assert axis_over(["time_s"], given).label == "row"
     assert np.array_equal(given.time_s, np.arange(len(bench.rows)))
     assert given.passed[0] == 0.0
     assert given.passed[-1] == 1.0
