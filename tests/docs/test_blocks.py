@@ -119,6 +119,13 @@ def test_paths_and_modules_mentioned_exist(page):
         assert (ROOT / path).exists(), f"{page.name}: {path}"
 
 
+def test_where_the_house_says_something_is_there_is_a_file():
+    where = (ROOT / "docs" / "house.md").read_text().partition("## Where is")[2].partition("\n## ")[0]
+    paths = re.findall(r"`([\w/]+(?:\.py|\.yaml|/))`", where)
+    assert len(paths) > 100
+    assert [path for path in paths if not ((ROOT / "pouring_robot" / path).exists() or (ROOT / path).exists())] == []
+
+
 def test_every_page_is_in_the_navigation_of_the_site_once():
     site = YAML(typ="safe").load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
     listed = [page for section in site["nav"] for part in section.values() for page in part]
