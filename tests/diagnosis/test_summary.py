@@ -229,7 +229,9 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
 ])  # fmt: skip
 def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
     turns = InTurn(5, hot.held_out, 1e-5, 0, found)
-    headline = replace(hot, in_turn=turns).headline
+    turned = replace(hot, in_turn=turns)
+    headline = turned.headline
+    assert ["how sure a cause is" in html_report(one, [("", "")]) for one in (hot, turned)] == [False, True]
     seldom = f"% sure: found in {found.get('leg_thermal_expansion', 0)} of 5 searches without a block)"
     assert (seldom in headline) == said
     assert ("without a block" in headline) == said

@@ -63,13 +63,18 @@ def html_report(
 def _rows_used(diagnosis: Conclusions) -> str:
     """Return which rows served for what, and how exact they are."""
     noise, sigma = diagnosis.noise, diagnosis.noise.length_m / MM
-    held = "none held out"
+    held, played = "none held out", ""
     if diagnosis.held_out_name:
         held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
+        played = " Held-out rows chose and fitted nothing."
+    if diagnosis.in_turn:
+        played = (
+            " Held-out rows chose and fitted nothing in the amended model; as each block was held out in turn, they "
+            "had a part in how sure a cause is."
+        )
     return (
         f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.left_out.size} "
-        f"left out as gross errors; noise {sigma:.3g} mm ({noise[noise.length_kind].source}). Held-out rows chose and "
-        "fitted nothing."
+        f"left out as gross errors; noise {sigma:.3g} mm ({noise[noise.length_kind].source}).{played}"
     )
 
 
