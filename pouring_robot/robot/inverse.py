@@ -1,26 +1,31 @@
-"""Drive values that bring a body of any robot to a pose: its place first, its attitude as far as the drives then go.
+"""Inverse kinematics: drive values that bring a body of any robot to a pose, its place first, then its attitude.
 
-Newton on the exact Jacobian of the closed mechanism, G by its drives. A robot of fewer than six freedoms commands the
-place as far as it can, and turns with what is left: a delta only places, an arm does both.
+Newton on the exact Jacobian of the closed mechanism, G by its drives, from several starts (:func:`search`). A robot of
+fewer than six freedoms commands the place as far as it can, and turns with what is left: a delta only places, an arm
+does both. The pouring robot's poses have a closed form: :mod:`pouring_robot.robot.pouring.kinematics`.
 """
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.batch.samples import BatchStart
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.redundancy import disagreement
+from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.description.drawing import Drawing
 
 REACHED = 1e-9
 """A target is met when place and attitude are this near, in m and rad."""
 _SETTLED, _MOST_STEPS = 1e-11, 60
+_MOST_TRIES = 12
 _SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
 _ROUNDED = 1e-6  # how far from orthonormal the axes of a rotation are that was written or added up
 _LONGEST = {"m": 0.1, "rad": 0.3}
@@ -77,6 +82,71 @@ class Reached:
     def angle_rad(self) -> float:
         """How far the attitude is missed, in rad."""
         return float(np.linalg.norm(self.left[3:]))
+
+
+def search(
+    solver: ClosureSolver,
+    close: Close,
+    target: Target,
+    starts: Iterable[tuple[FloatArray, FloatArray]],
+    refuse: Callable[[Reached], None],
+) -> Reached:
+    """Return what meets a target, as :func:`bring` finds it from the first start that leads there.
+
+    ``starts`` are drives (drives,) and configurations (nq,); ``refuse`` raises UnreachablePoseError where joints are
+    beyond their limits.
+
+    Raises:
+        NoSolutionError: no start leads there; of the refusals a joint's limit is told first, then the nearest pose.
+        BadInputError: the target leaves drives open.
+    """
+    refusals: list[NoSolutionError] = []
+    asked, redundant = 3 if target.rotation is None else 6, redundant_drives(solver.mechanism)
+    for drives, configuration in starts:
+        try:
+            found = bring(solver, close, target, drives, configuration)
+            if not found.met:
+                refusals.append(UnreachableTargetError(found.left, len(drives) - redundant, asked))
+                continue
+            refuse(found)
+        except NoSolutionError as problem:
+            refusals.append(problem)
+            continue
+        if (count := len(drives) - redundant) > sum(found.ranks):
+            more = "give its attitude too, or " if target.rotation is None else ""
+            raise BadInputError(
+                f"the pose determines {sum(found.ranks)} of {count} freedoms; {more}give the drive values"
+            )
+        return found
+    best = min(refusals, key=_preferred, default=NoSolutionError("the robot closes nowhere near its home"))
+    if not isinstance(best, UnreachablePoseError | UnreachableTargetError):
+        why = str(best).partition(";")[0]  # what follows mends drive values, and nobody gave any
+        raise NoSolutionError(f"the pose is out of reach: on the way to it {why}") from best
+    raise best
+
+
+def starts_near(
+    target: Target, drawing: Drawing, home: FloatArray, workspace: Callable[[], tuple[FloatArray, BatchStart]]
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield drives and configurations from which to search: home (drives,), then the workspace, the nearest first.
+
+    ``workspace`` returns drives (n, drives) and poses spread over it, where they are needed.
+    """
+    with contextlib.suppress(NoSolutionError):
+        yield home, drawing.configuration_at(home)
+    drives, start = workspace()
+    apart = np.linalg.norm(start.position - target.position_m, axis=1)
+    if target.rotation is not None:
+        apart = apart + 0.1 * np.linalg.norm(start.rotation - target.rotation, axis=(1, 2))
+    for k in np.argsort(apart)[:_MOST_TRIES].tolist():
+        yield drives[k], drawing.configuration_at(drives[k])
+
+
+def _preferred(refusal: NoSolutionError) -> tuple[int, float]:
+    """Return a key by which refusals sort: a joint's limit first, then the nearest pose, then what does not close."""
+    if isinstance(refusal, UnreachableTargetError):
+        return 1, float(np.abs(refusal.left).max())
+    return 0 if isinstance(refusal, UnreachablePoseError) else 2, 0.0
 
 
 def bring(

@@ -9,10 +9,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -23,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
+from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
@@ -35,7 +34,7 @@ from pouring_robot.mechanism.local_parameters import LocalParameter, drive_param
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import parsed
-from pouring_robot.robot.inverse import Reached, Target, bring
+from pouring_robot.robot.inverse import Reached, Target, search, starts_near
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_command_lines
@@ -53,14 +52,6 @@ NUMBERS = "numbers are drive values, in m and rad, and a pose is a PlatformPose 
 """What a command of numbers means, for errors."""
 LOADED = "give a Robot, as load_robot and Robot.load make it"
 """What is wanted where no robot is given, for errors."""
-_MOST_TRIES = 12
-
-
-def _preferred(refusal: NoSolutionError) -> tuple[int, float]:
-    """Return a key by which refusals sort: a joint's limit first, then the nearest pose, then what does not close."""
-    if isinstance(refusal, UnreachableTargetError):
-        return 1, float(np.abs(refusal.left).max())
-    return 0 if isinstance(refusal, UnreachablePoseError) else 2, 0.0
 
 
 class Robot:
@@ -264,41 +255,11 @@ class Robot:
 
     def drives_to(self, target: Target) -> Reached:
         """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
-        refusals: list[NoSolutionError] = []
-        asked, redundant = 3 if target.rotation is None else 6, redundant_drives(self.drawing.mechanism)
-        for drives, configuration in self._tries(target):
-            try:
-                found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
-                if not found.met:
-                    refusals.append(UnreachableTargetError(found.left, len(drives) - redundant, asked))
-                    continue
-                refuse_beyond(self._reach(found.drives, found.result.within(self.model.definition.drawn_fit)))
-            except NoSolutionError as problem:
-                refusals.append(problem)
-                continue
-            if (count := len(drives) - redundant) > sum(found.ranks):
-                more = "give its attitude too, or " if target.rotation is None else ""
-                raise BadInputError(
-                    f"the pose determines {sum(found.ranks)} of {count} freedoms; {more}give the drive values"
-                )
-            return found
-        best = min(refusals, key=_preferred, default=NoSolutionError("the robot closes nowhere near its home"))
-        if not isinstance(best, UnreachablePoseError | UnreachableTargetError):
-            why = str(best).partition(";")[0]  # what follows mends drive values, and nobody gave any
-            raise NoSolutionError(f"the pose is out of reach: on the way to it {why}") from best
-        raise best
+        starts = starts_near(target, self.drawing, self.model.definition.home_drives, lambda: self._workspace)
+        return search(self.nominal_solver, self.close_nominal, target, starts, self._refuse_beyond)
 
-    def _tries(self, target: Target) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield drives and configurations from which to search: home, then the workspace, the nearest first."""
-        home = self.model.definition.home_drives
-        with contextlib.suppress(NoSolutionError):
-            yield home, self.drawing.configuration_at(home)
-        drives, start = self._workspace
-        apart = np.linalg.norm(start.position - target.position_m, axis=1)
-        if target.rotation is not None:
-            apart = apart + 0.1 * np.linalg.norm(start.rotation - target.rotation, axis=(1, 2))
-        for k in np.argsort(apart)[:_MOST_TRIES].tolist():
-            yield drives[k], self.drawing.configuration_at(drives[k])
+    def _refuse_beyond(self, found: Reached) -> None:
+        refuse_beyond(self._reach(found.drives, found.result.within(self.model.definition.drawn_fit)))
 
     @functools.cached_property
     def _workspace(self) -> tuple[FloatArray, BatchStart]:
