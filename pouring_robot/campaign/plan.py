@@ -63,7 +63,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
     known = (Quantity("sample", "label"), *wanted, *definition.condition_columns)
     example = ", ".join(axis.heading for axis in axes)
     table = read_quantities(path, known, example, CampaignError)
-    values = np.stack([table.numbers[a.quantity.name] * a.factor + a.zero for a in axes], axis=-1)
+    values = np.stack([a.values(table.numbers[a.quantity.name]) for a in axes], axis=-1)
     if not np.isfinite(values).all():
         row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(values)))
         names = ", ".join(quantity.name for quantity in wanted)

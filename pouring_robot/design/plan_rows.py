@@ -150,7 +150,7 @@ def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     marked = grid(*[levels] * len(axes)) if edges else np.empty((0, len(axes)))
     wanted = max(0, count - len(marked))
     filled = qmc.Sobol(len(axes), scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
-    step, zero = np.array([(axis.step, axis.zero) for axis in axes]).T
+    step, zero = np.array([(axis.step, axis.value(0.0)) for axis in axes]).T
     poses = lower + (upper - lower) * np.concatenate([marked, filled])
     least, most = np.ceil((lower - zero) / step - 1e-9), np.floor((upper - zero) / step + 1e-9)
     whole = np.clip(np.round((poses - zero) / step), least, most)

@@ -31,6 +31,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.command import CommandAxis, command_box
+from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -227,7 +228,8 @@ def test_candidates_are_round_figures_inside_the_box(robot):
 
 
 def test_figures_are_round_in_the_table_whatever_a_command_of_zero_is():
-    axes = (CommandAxis(Quantity("q", "angle"), -1.6, 1.9, -2.0, 0.3), CommandAxis(Quantity("s", "length"), 0.1, 0.7))
+    drive = Drive("q", "q", "rad", "angle", factor=-2.0, zero=0.3)
+    axes = (CommandAxis(Quantity("q", "angle"), -1.6, 1.9, drive), CommandAxis(Quantity("s", "length"), 0.1, 0.7))
     poses = candidate_poses(axes, 200)
     lower, upper = command_box(axes)
     assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)

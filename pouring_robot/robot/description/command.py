@@ -9,6 +9,7 @@ import numpy as np
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description.drive import Drive
 
 _ROUND_M, _ROUND_RAD = 1e-4, math.radians(1e-2)
 
@@ -20,9 +21,7 @@ class CommandAxis:
     quantity: Quantity  # its column in a table
     lower: float  # least value, in m or rad; ``upper``: largest one
     upper: float
-    # value in m or rad for a command of one (SI) in the table, beyond ``zero``: that of a command of none
-    factor: float = 1.0
-    zero: float = 0.0
+    drive: Drive | None = None  # that it commands; None: the table has the value itself
 
     @property
     def _shown(self) -> tuple[str, float]:
@@ -36,15 +35,21 @@ class CommandAxis:
     @property
     def step(self) -> float:
         """Between round figures of the table, 0.1 mm or 0.01 degrees, in m or rad of the value."""
-        return abs(self.factor) * (_ROUND_M if self.quantity.kind == "length" else _ROUND_RAD)
+        factor = 1.0 if self.drive is None else abs(self.drive.factor)
+        return factor * (_ROUND_M if self.quantity.kind == "length" else _ROUND_RAD)
 
     def shown(self, value: float) -> float:
         """Return a value (m or rad) as the table has it, in mm or degrees."""
-        return (value - self.zero) / self.factor / self._shown[1]
+        command = value if self.drive is None else float(self.drive.commanded(np.asarray(value)))
+        return command / self._shown[1]
 
     def value(self, shown: float) -> float:
         """Return the value (m or rad) that the table has so."""
-        return shown * self._shown[1] * self.factor + self.zero
+        return float(self.values(np.asarray(shown * self._shown[1])))
+
+    def values(self, commands: FloatArray) -> FloatArray:
+        """Return the values (m or rad) of commands (SI); same shape."""
+        return commands if self.drive is None else self.drive.value(commands)
 
     def text(self, value: float) -> str:
         """Return the same as a round figure."""

@@ -315,7 +315,7 @@ class RobotDefinition:
         for drive, column, home in zip(self.drives, self.drive_columns, self.home_drives.tolist(), strict=True):
             turn = 0.0 if drive.unit == "m" else math.pi
             lower, upper = limits.get(drive.joint, (home - turn, home + turn))
-            axes.append(CommandAxis(column, lower, upper, drive.factor, drive.zero))
+            axes.append(CommandAxis(column, lower, upper, drive))
         return tuple(axes)
 
     @property

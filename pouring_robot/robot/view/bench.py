@@ -61,8 +61,8 @@ class RobotBench:
         values, names = self._values(self.location), dict[str, list[str]]()
         for parameter in self._parameters.values():
             names.setdefault(_set_of(parameter), []).append(parameter.name)
-        drives = zip(self._axes[DRIVES], self.location.drives, strict=True)
-        joints = {a.heading: name if (a.factor, a.zero) == (1.0, 0.0) else f"motor of {name}" for a, name in drives}
+        drives = zip(self._axes[DRIVES], self.robot.model.definition.drives, strict=True)
+        joints = {a.heading: d.joint if (d.factor, d.zero) == (1.0, 0.0) else f"motor of {d.joint}" for a, d in drives}
         return {
             "groups": [
                 {
