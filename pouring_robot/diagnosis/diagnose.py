@@ -15,13 +15,13 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
+from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.held_out import InTurn, few, held_out, held_out_in_turn
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.diagnosis.unknown import poses, processes_of, varied
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.available import chosen_effects

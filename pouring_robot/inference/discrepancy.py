@@ -3,7 +3,9 @@ r"""What is left: one discrepancy, a sum of random functions of the conditions. 
 A :class:`~.processes.Process` is a Gaussian process: something unknown moves a place along channels of the prediction,
 by a function of a condition. How large it is and how fast it varies is integrated over, so that a condition that
 nothing depends on is found irrelevant (automatic relevance determination: MacKay, Bayesian nonlinear modelling, 1994;
-sums: Duvenaud, Nickisch & Rasmussen, Additive Gaussian processes, 2011).
+sums: Duvenaud, Nickisch & Rasmussen, Additive Gaussian processes, 2011). Which there are of a campaign:
+``diagnosis/discrepancy_processes.py``; their kernels: :mod:`~.gp_kernels`; several at work together:
+:mod:`~.together`.
 """
 
 from __future__ import annotations

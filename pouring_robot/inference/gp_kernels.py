@@ -1,7 +1,8 @@
 """Kernels of Gaussian processes as columns over rows, the likely ones large: how what is unknown goes with a condition.
 
 Independent standard coefficients on the columns make a random function with the kernel named; its expected square,
-averaged over the rows, is 1. Which are used of which condition, and their length scales: ``diagnosis/unknown.py``.
+averaged over the rows, is 1. Which are used of which condition, and their length scales:
+``diagnosis/discrepancy_processes.py``.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import diagnoser
+from pouring_robot.diagnosis.discrepancy_processes import processes_of
 from pouring_robot.diagnosis.problem import known_effects
-from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, priors, search
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds

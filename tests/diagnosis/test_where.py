@@ -9,7 +9,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
-from pouring_robot.diagnosis.unknown import _of_one_condition
+from pouring_robot.diagnosis.discrepancy_processes import _of_one_condition
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import overall
 from pouring_robot.diagnosis.where.where import disagreements, holm

@@ -10,9 +10,9 @@ import pytest
 import scipy.linalg
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, processes_of
 from pouring_robot.diagnosis.report.sentences import as_zeros_text
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.unknown import CONSTANT, processes_of
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in

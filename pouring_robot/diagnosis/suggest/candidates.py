@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
+from pouring_robot.diagnosis.discrepancy_processes import processes_of
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.unknown import processes_of
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.diagnosis.unknown import CONSTANT, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import rank_correlation
 from pouring_robot.effects.conditions import Conditions

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.special import ndtr
 
-from pouring_robot.diagnosis.unknown import shown
+from pouring_robot.diagnosis.discrepancy_processes import shown
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.kinds import component_name

@@ -1,4 +1,4 @@
-"""How something unknown may act on a robot: each place that can move, by each condition that a campaign has.
+"""Gaussian processes of the discrepancy: each place of a robot that something unknown may move, by each condition.
 
 What moves is the measured body, the base, the drives, or joints; conditions are the pose, time and order, sessions, the
 load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how fast anything
