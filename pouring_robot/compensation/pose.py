@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.compensation.near_singular import bring_to
+from pouring_robot.compensation.search import bring_to
 from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, SingularPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
