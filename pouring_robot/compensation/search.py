@@ -1,8 +1,8 @@
 """Drives that bring any robot as built to a target; beside a singular pose where need be.
 
-They are searched from where the drawing stands. Where an arm is stretched out, or axes of its wrist lie on one line, its
-drives command less than elsewhere. Newton then stands still although the target is near, as what they do to it there
-grows with their square. Beside the pose they command all that they ever do, and Newton goes on from there.
+They are searched from where the drawing stands. Where an arm is stretched out, or axes of its wrist lie on one line,
+its drives command less than elsewhere. Newton then stands still although the target is near, as what they do to it
+there grows with their square. Beside the pose they command all that they ever do, and Newton goes on from there.
 """
 
 from collections.abc import Iterator
