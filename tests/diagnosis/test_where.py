@@ -15,6 +15,7 @@ from pouring_robot.diagnosis.where.misfit import overall
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.robot.model import RobotModel
@@ -131,6 +132,28 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     assert "time" in item.sentence.partition("; with ")[2]
     components = [f.component for f in where.findings if f.what == "component"]
     assert components == ["y"]
+
+
+def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch):
+    """1.96 standard deviations of a normal value, as wherever there is a ±: of 10 um 0.0196 mm, of 20 um 0.039."""
+    summed = Discrepancy.sum
+
+    def known(*asked):
+        items = summed(*asked)
+        sizes = zip(items, (4e-4, 3e-4), (1e-5, 2e-5), strict=True)
+        return [
+            dataclasses.replace(i, movement=np.full_like(i.movement, m), std=np.full_like(i.std, s))
+            for i, m, s in sizes
+        ]
+
+    monkeypatch.setattr(Discrepancy, "sum", known)
+    rng = np.random.default_rng(4)
+    given = scene(rng)
+    load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
+    error = moved(given, 1, 5e-4 * load) + moved(given, 2, 4e-4 * load)
+    where = disagreements(seen(rng, given, error), given, 0.01)
+    (sentence,) = [f.sentence for f in where.findings if f.what == "condition"]
+    assert ": y by 0.400 ± 0.020 mm and z by 0.300 ± 0.039 mm (rms, 95 %)" in sentence
 
 
 def test_time_and_load_are_both_named():

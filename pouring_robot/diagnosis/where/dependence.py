@@ -1,4 +1,4 @@
-"""What the disagreement depends on: the processes whose sum explains it, each in a sentence with its error."""
+"""What the disagreement depends on: the processes whose sum explains it, each in a sentence with its 95 % interval."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -11,10 +11,12 @@ from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals,
 from pouring_robot.diagnosis.where.misfit import rank_correlation
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
+from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import CHANCE
+from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import rms
 
 _MOST = 12
@@ -71,9 +73,10 @@ def _finding(
     for item in together:
         if item.size >= _MINOR * main.size:
             size, turning = _size(item)
-            error = size_text(rms(item.std), turning)
-            texts.append(f"{item.process.where} by {size_text(size, turning)} ± {error}")
-    text = f"{_opening(main, given)}: {_listed(texts)} (rms)"
+            unit, si = shown_in("rad" if turning else "m")
+            value, half = value_and_half_width(size / si, rms(item.std) / si)
+            texts.append(f"{item.process.where} by {value.removeprefix('+')} ± {half} {unit}")
+    text = f"{_opening(main, given)}: {_listed(texts)} (rms, 95 %)"
     if rivals:
         text += f", or with what went along with it: {', '.join(rivals)}"
     elif quiet := _quiet(given, bounds, main.process.where, *first):
