@@ -184,6 +184,19 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
     return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
 
 
+def facts_of(robot: Robot) -> dict[str, Any]:
+    """Return what the metadata of a campaign may state of a robot, by their names there."""
+    if not isinstance(robot, PouringRobot):
+        return {"target": robot.model.definition.loops.end_frame}
+    layout, ladle = robot.layout, robot.layout.ladle
+    return {
+        "screw_pitch_m": _SCREW_PITCH_M,
+        "truss_span_m": layout.truss_span_m,
+        "ladle_tare_kg": ladle.tare.value,
+        "ladle_centre_of_mass_m": ladle.centre_of_mass.metres,
+    }
+
+
 def _stated(sigma: float | None) -> float | None:
     """Return a noise as the YAML states it; None where it is too small to be stated, or nothing was measured."""
     return sigma if sigma and sigma >= LEAST_SIGMA else None
@@ -193,18 +206,13 @@ def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
     ((what, name),) = robot.model.named.items()
-    facts: dict[str, Any] = {"target": robot.model.definition.loops.end_frame}
-    if isinstance(robot, PouringRobot):
-        ladle = robot.layout.ladle
-        facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
-        facts |= {"ladle_tare_kg": ladle.tare.value, "ladle_centre_of_mass_m": ladle.centre_of_mass.metres}
     metadata = CampaignMetadata(
         robot=robot.model.definition.name,
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
         sigma_position_m=_stated(options.sigma_position_m),
         sigma_rotation_rad=_stated(options.sigma_rotation_rad),
         reference_temperature_degC=REFERENCE_DEGC,
-        **facts,
+        **facts_of(robot),
     )
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)

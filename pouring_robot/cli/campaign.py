@@ -37,7 +37,9 @@ def plan(
     priors: Annotated[bool, opt("Tolerances count as known beforehand.", "--priors")] = False,
     tolerances: options.TolerancesFile = None,
     both_sides: Annotated[int, opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
-    loads: Annotated[Pair, opt("Melt in kg to choose from: finds how the drives yield.", metavar="A B")] = None,
+    loads: Annotated[
+        Pair, opt("Payloads (melt) in kg to choose from: finds how the drives yield.", metavar="A B")
+    ] = None,
     temperatures: Annotated[Pair, opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")] = None,
     reduce: Annotated[bool, opt("Leave out parameters that measurements cannot tell from others.", "--reduce")] = False,
     candidates: Annotated[int, opt("About how many poses to choose from.")] = 2000,

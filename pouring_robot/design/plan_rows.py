@@ -21,7 +21,7 @@ O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
 Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,21 +29,21 @@ import pinocchio as pin
 import scipy.linalg
 from scipy.stats import qmc
 
+from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.campaign.simulate import facts_of
 from pouring_robot.design.request import PlannedParameter
+from pouring_robot.effects.nominal import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
-from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.mechanism.weight import by_a_newton, up_in_base
 from pouring_robot.robot.description.command import CommandAxis, command_box
-from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 
 _EDGE_LEVELS = 3
-_Parts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+_Parts = tuple[FloatArray, FloatArray, Mapping[float, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PlannedConditions:
     """How a pose is visited."""
 
     side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
-    payload_kg: float = 0.0  # melt in the ladle
+    payload_kg: float = 0.0  # of the pouring robot the melt in its ladle
     leg_degC: float = REFERENCE_DEGC
 
 
@@ -65,10 +65,7 @@ class Columns:
         self.drives = robot.parameters.drives
         self._model = MeasurementModel(robot.model, self.local)
         self._lip_m = np.array(nominal.T_end_tool.translation)
-        self._up, self._ladle_at, self._tare_kg = up_in_base(nominal), np.zeros(3), 0.0
-        if isinstance(robot, PouringRobot):
-            ladle = robot.layout.ladle
-            self._ladle_at, self._tare_kg = np.array(ladle.centre_of_mass.metres), ladle.tare.value
+        self._facts = CampaignMetadata(**facts_of(robot))
 
     def reachable(self, poses: FloatArray) -> BoolArray:
         """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
@@ -82,7 +79,7 @@ class Columns:
         The noise of the device decides how many components k a pose has; ``target_m`` is the place of the target on the
         moving platform, (3,). Shapes (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and (n,).
         """
-        parts, closed = self._parts(poses, target_m)
+        parts, closed = self._parts(poses, conditions, target_m)
         sigma = noise.sigma
         rows = np.stack([self._row(c, *parts) for c in conditions], axis=1)
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
@@ -93,10 +90,12 @@ class Columns:
         It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
         m, rotation vector in rad. At side 0 it is the mean of both.
         """
-        parts, closed = self._parts(poses, self._lip_m)
+        parts, closed = self._parts(poses, [conditions], self._lip_m)
         return self._row(conditions, *parts), closed
 
-    def _parts(self, poses: FloatArray, target_m: FloatArray) -> tuple[_Parts, BoolArray]:
+    def _parts(
+        self, poses: FloatArray, conditions: Sequence[PlannedConditions], target_m: FloatArray
+    ) -> tuple[_Parts, BoolArray]:
         """Return what rows are made of (see :meth:`_row`) and which poses close, (n,)."""
         command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)
@@ -105,32 +104,46 @@ class Columns:
         # The drives may be among the parameters already, where none may stand twice.
         drives = modelled.with_parameters(self.drives).linearise(Unknowns.zero(frames, len(self.drives)))
         base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
-        moved = by_drive[:, :, FRAMES:]
-        loads = by_a_newton(self._up, moved, np.nan_to_num(drives.rotation), self._ladle_at - target_m)
-        return (base, moved, loads, command.drives), seen.closed & drives.closed
+        closed = seen.closed & drives.closed
+        forces = self._forces(modelled, closed, (visit.payload_kg for visit in conditions))
+        return (base, by_drive[:, :, FRAMES:], forces, command.drives), closed
+
+    def _forces(
+        self, modelled: ModelledRows, closed: BoolArray, payloads_kg: Iterable[float]
+    ) -> dict[float, FloatArray]:
+        """Return what each payload and the links' own weight put on every drive, (n, D), as effects count it.
+
+        It is worked out for closed rows, if compliances are planned; otherwise zero.
+        """
+        forces = {payload: np.zeros((len(modelled), len(self.drives))) for payload in payloads_kg}
+        if closed.any() and any(parameter.kind == "compliance" for parameter in self.parameters):
+            nominal = nominal_rows(self.robot.model.definition, *modelled[closed].by_drawing())
+            for payload, force in forces.items():
+                _, force[closed], *_ = loads_on(nominal, self._facts, np.full(len(nominal.position_m), payload))
+        return forces
 
     def _row(
         self,
         conditions: PlannedConditions,
         base: FloatArray,
         drives: FloatArray,
-        loads: FloatArray,
+        forces: Mapping[float, FloatArray],
         commanded: FloatArray,
     ) -> FloatArray:
         """Return columns of all unknowns, (n, 6, 12 + P).
 
-        Of columns of frames and local parameters, of the drives, loads on these per N of weight, and their commands.
+        Of columns of frames and local parameters, of the drives, forces on these by payload, and their commands.
         """
         rows = np.empty((len(base), 6, FRAMES + len(self.parameters)))
         rows[:, :, : base.shape[2]] = base
-        weight = GRAVITY_M_S2 * (self._tare_kg + conditions.payload_kg)
+        force = forces[conditions.payload_kg]
         for k, parameter in enumerate(self.parameters[len(self.local) :], start=base.shape[2]):
             drive = [d.joint for d in self.drives].index(parameter.local.joint)
             column = drives[:, :, drive]
             if parameter.kind == "backlash":
                 rows[:, :, k] = -0.5 * conditions.side * column
             elif parameter.kind == "compliance":
-                rows[:, :, k] = column * (weight * loads[:, drive])[:, None]
+                rows[:, :, k] = column * force[:, drive, None]
             else:
                 warmth = conditions.leg_degC - REFERENCE_DEGC
                 rows[:, :, k] = column * (warmth * commanded[:, drive])[:, None]

@@ -70,10 +70,10 @@ class Planner:
         expect(robot, Robot, LOADED)
         refuse_redundant(robot)
         self.robot, self.request = robot, request or PlanRequest()
-        loads, temperatures = self.request.loads_kg, self.request.leg_degC
+        loads = self.request.loads_kg
         if not isinstance(robot, PouringRobot):
-            if loads or temperatures:
-                raise BadInputError("loads and leg temperatures are planned for the pouring robot only")
+            if self.request.leg_degC:
+                raise BadInputError("leg temperatures are planned for the pouring robot only")
         elif max(loads, default=0.0) > robot.layout.ladle.payload.value:
             most = robot.layout.ladle.payload.value
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")

@@ -4,9 +4,9 @@ Beside the local parameters there are simple columns for what depends on how a p
 
 - ``backlash.<drive>`` (m or rad): the whole lost motion. A drive approached rising stands half of it below its
   command, falling half of it above.
-- ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it. With J the drive's column of G
-  at the ladle's centre of mass, the load is JᵀF of the weight F of ladle and melt (virtual work); to first order this
-  is the yielding drive of ``energy.Loads``. The passive leg carries nothing along its axis.
+- ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it, which is what effects count
+  there (:func:`~pouring_robot.effects.nominal.loads_on`); to first order this is the yielding drive of
+  ``energy.Loads``. The passive leg carries nothing along its axis.
 - ``expansion.<drive>`` (1/K): a driven leg is longer by this times its length times its warmth above the reference.
 """
 
@@ -14,12 +14,13 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
 from pouring_robot.io.quantities import LIMITS
-from pouring_robot.io.units import shown_in
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, all_parameters
@@ -29,10 +30,10 @@ Condition = Literal["backlash", "compliance", "expansion"]
 DEFAULT_SETS = ("centres",)
 """Drives and U-joint centres: the errors that close exactly."""
 
-# Unit and order of size, by the drive's unit: a worn screw; a leg of 1e8 N/m, a tilt drive of 1e6 Nm/rad; steel.
+# Unit and order of size, by the drive's unit: a worn screw; what causes are expected to do at their usual load; steel.
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
-    "compliance": {"m": ("m/N", 1e-8), "rad": ("rad/Nm", 1e-6)},
+    "compliance": {"m": ("m/N", MM), "rad": ("rad/Nm", MRAD)},
     "expansion": {"m": ("1/K", 1.2e-5)},
 }
 _MOST_POSES = 500
@@ -59,7 +60,11 @@ def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerance
     """Return how large a parameter may be, in its own unit: its tolerance; of a condition's, an order of size."""
     if parameter.kind == "local":
         return float(tolerances.std([parameter.local], robot)[0])
-    return _CONDITIONS[parameter.kind][parameter.local.unit][1]
+    size = _CONDITIONS[parameter.kind][parameter.local.unit][1]
+    if parameter.kind != "compliance":
+        return size
+    yielding = (entry.options for entry in causes_of(robot).entries if entry.family in ("stretch", "spring"))
+    return size / next(float(own["load"]) for own in yielding if parameter.local.joint in own["drives"])
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class PlanRequest:
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # place of the target on the moving platform
     priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
     both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
-    loads_kg: tuple[float, ...] = ()  # melt to choose from; with any, drives' compliances are determined too
+    loads_kg: tuple[float, ...] = ()  # payloads to choose from; with any, drives' compliances are determined too
     leg_degC: tuple[float, ...] = ()  # leg temperatures to choose from; with any, the legs' expansions are found too
     reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
     candidates: int = 2000  # about how many poses to choose from

@@ -13,15 +13,12 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.gaps import filled_in, with_gaps
-from pouring_robot.effects.nominal import NominalRows
+from pouring_robot.effects.nominal import NominalRows, loads_on
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.mechanism.weight import by_a_newton
 from pouring_robot.robot.description.cause_types import Causes
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
@@ -245,7 +242,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     facts, robot = learned or campaign.metadata, nominal.robot
     stated = facts.reference_temperature_degC
     reference = reference_degC(stated)
-    weight, force, by_weight, moments = _loads(facts, nominal, whole("payload"))
+    weight, force, by_weight, moments = loads_on(nominal, facts, whole("payload"))
     for k, name in enumerate(force_names(robot)):
         measured = whole(name)
         if measured is not None:
@@ -336,26 +333,3 @@ def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:
         return [(0.0, _TURN)]
     first, last = ordered[(ends + 1) % len(ordered)], np.roll(ordered[ends], -1)
     return [(start, start + (end - start) % _TURN) for start, end in zip(first.tolist(), last.tolist(), strict=True)]
-
-
-def _loads(
-    facts: CampaignMetadata | LearnedCampaign, nominal: NominalRows, payload_kg: FloatArray | None
-) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray] | None]:
-    """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
-
-    Last, what they put on joints, by what turns these.
-    """
-    own = None if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
-    tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
-    if nominal.payload_m is not None:
-        tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
-    if place is None:
-        return None, nominal.own_force, None, own
-    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation_at_rest, place)
-    if tare is None or payload_kg is None:
-        return None, nominal.own_force, share, own
-    weight = (tare + payload_kg) * GRAVITY_M_S2
-    force = weight[:, None] * share
-    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation_at_rest, place)).T
-    moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
-    return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments

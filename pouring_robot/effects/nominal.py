@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.batch import BatchClosure, Engine, seen_from_rest
+from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.mechanism.weight import own_force, own_moments, up_in_base
+from pouring_robot.mechanism.weight import by_a_newton, own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.effect_stack import LearnedCampaign
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,29 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         {name: course for name, course in values.items() if name in joints and mechanism.unit_of(name) == "m"},
         mechanism.placement_on_end(robot.payload_frame).translation if own else None,
     )
+
+
+def loads_on(
+    nominal: NominalRows, facts: CampaignMetadata | LearnedCampaign, payload_kg: FloatArray | None
+) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray] | None]:
+    """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
+
+    Last, what they put on joints, by what turns these.
+    """
+    own = None if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
+    tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
+    if nominal.payload_m is not None:
+        tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
+    if place is None:
+        return None, nominal.own_force, None, own
+    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation_at_rest, place)
+    if tare is None or payload_kg is None:
+        return None, nominal.own_force, share, own
+    weight = (tare + payload_kg) * GRAVITY_M_S2
+    force = weight[:, None] * share
+    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation_at_rest, place)).T
+    moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
+    return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 
 
 def _swings(mechanism: ClosedChainMechanism, values: dict[str, FloatArray], rows: int) -> FloatArray:

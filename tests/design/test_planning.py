@@ -8,11 +8,13 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
 from pouring_robot.design.plan_rows import (
+    Columns,
     PlannedConditions,
     candidate_poses,
     covariance,
@@ -21,7 +23,7 @@ from pouring_robot.design.plan_rows import (
     telling,
 )
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
-from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.request import PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise import NoiseLevel
@@ -35,6 +37,7 @@ from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
+from tests.effects.test_bearings import GRAVITY, MILL, RAM_KG, TABLE_KG
 from tests.support import gantry_file
 
 SMALL = {"candidates": 300, "starts": 2}
@@ -329,6 +332,49 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
             assert rows[0, 0, :3, 12 + k] == pytest.approx(bent, abs=0.01 * np.abs(bent).max())
             seen += 1
     assert seen == 4
+
+
+@pytest.mark.parametrize(("base", "end"), [("table", "tool"), ("bed", "table")])
+def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_hangs(tmp_path, base, end):
+    """A mill in closed form: its links weigh, a payload hangs at its own frame and, on the ram, not on the table."""
+    load, centre, hook, target = 50.0, np.array([0.0, 0.1, -0.2]), np.array([0.3, 0.25, 0.1]), np.array([0.1, 0.2, 0.3])
+    mount = f'<joint name="hang" type="fixed"><parent link="{end}"/><child link="hook"/><origin xyz="0.3 0.25 0.1"/>'
+    urdf = MILL.replace("</robot>", f'<link name="hook"/>{mount}</joint></robot>')
+    (tmp_path / "mill.urdf").write_text(urdf, encoding="utf-8")
+    names = ("ram", "tilt") if end == "tool" else ("tilt",)
+    said = f"name: mill\nurdf: mill.urdf\nbase_frame: {base}\nend_frame: {end}\npayload_frame: hook\n"
+    drives = ", ".join(f"{{joint: {name}}}" for name in names)
+    text = f"format: pouring_robot/robot/1\n{said}drives: [{drives}]\nusual_moment_nm: 250\n"
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    planned = planned_parameters(robot.parameters, PlanRequest(loads_kg=(0.0, load)))
+    columns = Columns(robot, planned)
+    ram, tilt = 0.15, 0.7
+    commands = np.array([[ram, tilt][-len(names) :]])
+    rows, _ = columns.measured(commands, [PlannedConditions(1, load)], NoiseLevel.stated(1.0, 1.0), target)
+    found = {p.name: rows[0, 0, :, 12 + k] for k, p in enumerate(planned)}
+    turn, x = Rotation.from_euler("x", tilt).as_matrix(), np.array([1.0, 0.0, 0.0])
+
+    def rise(place):
+        return np.cross(x, turn @ place)[2]  # of a place on the table, by the tilt
+
+    if end == "tool":
+        seen = turn.T @ (np.array([0.4, 0.3, 0.2 + ram]) + target)  # from the trunnion, in axes of the table
+        moment = -GRAVITY * TABLE_KG * rise(centre)
+        expected = {
+            "ram": np.r_[-GRAVITY * (RAM_KG + load) * turn.T[:, 2], np.zeros(3)],
+            "tilt": -moment * np.r_[np.cross(x, seen), x],
+        }
+    else:
+        moment = -GRAVITY * (TABLE_KG * rise(centre) + load * rise(hook))
+        expected = {"tilt": moment * np.r_[np.cross(x, turn @ target), x]}
+    for name in names:
+        np.testing.assert_allclose(found[f"compliance.{name}"], expected[name], rtol=0, atol=1e-9)
+    definition = robot.model.definition
+    given = Tolerances.of(definition)
+    sizes = {p.name: expected_size(p, definition, given) for p in planned if p.kind == "compliance"}
+    usual = {"compliance.ram": 1e-3 / 1000.0, "compliance.tilt": 1e-3 / 250.0}  # 1 mm and 1 mrad at the usual load
+    assert sizes == pytest.approx({name: usual[name] for name in sizes}) and len(sizes) == len(names)
 
 
 def test_backlash_and_expansion_columns_follow_the_drives(robot):
