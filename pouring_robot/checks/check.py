@@ -14,7 +14,7 @@ from pouring_robot.checks.columns import check_columns, distinct_poses, without_
 from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wrong_rows
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
-from pouring_robot.checks.rows import check_rows
+from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit

@@ -26,7 +26,7 @@ from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.checks.rows import joint_effect
+from pouring_robot.checks.smooth_errors import joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in

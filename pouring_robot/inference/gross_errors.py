@@ -1,4 +1,8 @@
-"""Gross errors: single rows that nothing explains while nearly all others are explained better."""
+"""Gross errors: single rows that nothing explains while nearly all others are explained better.
+
+Found here after a search, they are left out and it is searched again (``diagnosis/diagnose.py``). Before any fit they
+are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
+"""
 
 from collections.abc import Iterable, Sequence
 

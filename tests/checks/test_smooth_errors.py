@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.rows import drive_errors, foretelling, target_effect
+from pouring_robot.checks.smooth_errors import drive_errors, foretelling, target_effect
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -1,0 +1,156 @@
+"""Gross errors of single rows, before any fit; with them poses out of reach, and jumps of the measuring set-up.
+
+A robot's own errors vary smoothly with pose and conditions, or are the answer to a smooth error of its drives, which
+near a singular pose is large (:mod:`pouring_robot.checks.smooth_errors`). A wrong row is neither. So residuals are
+looked at twice: in the pose, and as the drive errors that would explain them; from both, what a low-order function of
+pose and conditions explains is taken. What a fit does with those that pass:
+:mod:`pouring_robot.inference.gross_errors`.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.campaign import columns
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.flags import DataFlag, FlagCode, found
+from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
+from pouring_robot.checks.smooth_errors import (
+    ROWS_PER_TERM,
+    base_residuals,
+    drive_errors,
+    foretelling,
+    joint_effect,
+    leftover,
+    robust_fit,
+    sized,
+    target_effect,
+    unexplained,
+)
+from pouring_robot.checks.units_and_axes import Comparison
+from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.exceptions import FrameFitError
+from pouring_robot.io.units import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.mechanism.local_parameters import drive_parameters
+from pouring_robot.robot.description.drawing import Drawing
+
+GROSS_SIGMAS = 8.0
+"""A row holds a gross error beyond so many robust deviations: in the pose, in the drives that would explain it, and of
+what errors of all joints explain. The deviation is that of a row against what the others foretell."""
+_PLAIN = 1.0
+_IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
+_TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
+_FEWEST = 12
+_TELLING_ROWS = 1000  # many times the errors of joints there are
+
+
+def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
+    """Yield gross errors, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
+    rows = np.flatnonzero(data.poses.complete & campaign.usable)
+    if rows.size < _FEWEST or data.inverted:
+        return
+    score = scores_of(campaign, drawing, data, fit)
+    distance = np.linalg.norm(np.nan_to_num(fit.position_residual_m), axis=1)
+    angle = np.zeros(len(campaign))
+    plain = distance / max(fit.position_scale_m, 1e-12)
+    if fit.rotation_residual_rad is not None:
+        angle = np.linalg.norm(np.nan_to_num(fit.rotation_residual_rad), axis=1)
+        plain = np.maximum(plain, angle / max(fit.rotation_scale_rad or 0.0, 1e-12))
+    # A row that is no worse than others before any smoothing has to stand out twice as far after it.
+    wrong = np.flatnonzero((score > GROSS_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * GROSS_SIGMAS)))
+    far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
+    if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
+        beyond = np.minimum(_beyond_joints(campaign, drawing, data, fit, wrong), score[wrong])
+        # Under conditions that no other row had nobody knows what is right.
+        uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
+        wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
+    apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
+    single = np.intersect1d(wrong, _not_together(data, fit, apart, campaign.metadata.metres_per_rad))
+    steps = list(jumps(campaign, data, fit, single))
+    for row in single if steps else wrong:
+        yield _gross_error(
+            campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row])
+        )
+    yield from steps
+
+
+def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
+    """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
+
+    The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off. Near a
+    singular pose the first is large for a sound row, but not the second.
+    """
+    terms, pose, floors = base_residuals(campaign, data, fit)
+    in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
+    from_base = OuterFrames(pin.SE3.Identity(), fit.frames.T_end_target)
+    effect = target_effect(drawing, data.drives, from_base, drive_parameters(drawing.mechanism))
+    units = [drive.unit for drive in campaign.robot.drives]
+    drives = drive_errors(effect, units, pose, floors[0] / floors[-1])
+    in_drives = np.max([unexplained(terms, errors, floors[0]) for errors in drives.T], axis=0)
+    return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
+
+
+def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices) -> FloatArray:
+    """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
+
+    A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
+    where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
+    """
+    smooth, pose, floors = base_residuals(campaign, data, fit)
+    used = np.union1d(rows, evenly(len(campaign), _TELLING_ROWS))
+    effect, small = joint_effect(campaign.robot, drawing, data.drives[used], fit.frames)
+    frames = fit.frames.jacobian(data.poses[used]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
+    turn = np.kron(np.eye(2), fit.frames.T_tracker_base.rotation.T)
+    terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(floors)] / np.array(floors)[:, None]
+    terms, residual = terms.reshape(used.size * len(floors), -1), pose[used] / floors
+    known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
+    if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
+        return np.full(rows.size, np.inf)
+    _, left, _ = robust_fit(terms, residual.ravel(), 1.0)
+    scores = []
+    for k, floor in enumerate(floors):
+        size, deviation = sized(left.reshape(residual.shape)[:, k], 1.0)
+        near = leftover(smooth, pose[:, k], floor)[1] / floor
+        scores.append(size / min(deviation, near))
+    return np.asarray(np.max(scores, axis=0)[np.searchsorted(used, rows)])
+
+
+def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
+    names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
+    off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
+    metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
+    code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
+    if not far:
+        others = f"{score:.0f} robust deviations from what the other rows say of its errors"
+        code, said = FlagCode.OUTLIER, f"gross error, {off} from the nominal robot, {others}"
+    return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
+
+
+def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:
+    """Return rows (k,) without those, a tenth of all or more, that frames of their own explain.
+
+    There tracker or target were moved: once, or several times.
+    """
+    fewest = max(JUMP_WINDOW, len(data.poses) // 10)
+    if rows.size < fewest:
+        return rows
+    try:
+        own = data[rows].fit(metres_per_rad)
+    except FrameFitError:  # too few whole positions
+        return rows
+    before, after = _sizes(fit, metres_per_rad), _sizes(own, metres_per_rad)
+    apart = after > np.minimum(before[rows] / _TIMES_BETTER, 2.0 * GROSS_SIGMAS * np.median(before))
+    if np.count_nonzero(~apart) >= fewest:
+        return _not_together(data, fit, rows[apart], metres_per_rad)
+    halves = np.array_split(rows, 2) if rows.size >= 2 * fewest else []
+    return np.concatenate([_not_together(data, fit, half, metres_per_rad) for half in halves]) if halves else rows
+
+
+def _sizes(fit: FrameFit, metres_per_rad: float) -> FloatArray:
+    """Return what frames leave of each row, (n,), in m, an angle by the length that weighs as much."""
+    turn = 0.0 if fit.rotation_residual_rad is None else np.nan_to_num(fit.rotation_residual_rad)
+    left = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
+    return np.asarray(np.linalg.norm(left, axis=1))

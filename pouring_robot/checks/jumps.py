@@ -1,0 +1,69 @@
+"""Jumps: places in a session from which on all measurements are shifted, as where tracker or target was moved."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pouring_robot.campaign import columns
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
+from pouring_robot.checks.smooth_errors import base_residuals, robust_fit
+from pouring_robot.checks.units_and_axes import Comparison
+from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.mechanism.arrays import FloatArray, Indices
+
+_JUMP_SIGMAS = 5.0
+"""A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
+JUMP_WINDOW = 10
+"""Rows on either side that a step needs."""
+_JUMP_PLACES = 400
+_LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
+
+
+def jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
+    """Yield the largest lasting step of each session's residuals, if there is a clear one."""
+    terms, pose, floors = base_residuals(campaign, data, fit, with_time=False)
+    pose[wrong] = np.nan
+    inliers = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
+    for session, members in campaign.rows_by_session().items():
+        rows = members[inliers[members]]
+        # With more terms than a quarter of the rows, they would explain any step.
+        kept = terms[:, : max(1, rows.size // 4)]
+        if rows.size >= 2 * JUMP_WINDOW:
+            yield from _jump(campaign, session, rows, kept[rows], pose[rows], np.array(floors))
+
+
+def _jump(
+    campaign: Campaign, session: str, rows: Indices, terms: FloatArray, pose: FloatArray, floors: FloatArray
+) -> Iterator[DataFlag]:
+    """Fit a step at every place beside the smooth terms, keep the one that explains most, and judge it robustly."""
+    places = np.unique(np.linspace(JUMP_WINDOW, len(rows) - JUMP_WINDOW, _JUMP_PLACES).astype(int))
+    steps = (np.arange(len(rows))[:, None] >= places).astype(float)
+    basis, _ = np.linalg.qr(terms)
+    free_steps = steps - basis @ (basis.T @ steps)
+    free_pose = (pose - basis @ (basis.T @ pose)) / floors
+    power = np.maximum((free_steps**2).sum(axis=0), 1e-9)
+    gain = ((free_steps.T @ free_pose) ** 2).sum(axis=1) / power
+    best = int(np.argmax(gain))
+    place = int(places[best])
+    design = np.column_stack([terms, np.arange(len(rows)) >= place])
+    fits = [robust_fit(design, pose[:, k], float(floors[k])) for k in range(pose.shape[1])]
+    step = np.array([coefficients[-1] for coefficients, _, _ in fits])
+    # What of the step is none of the smooth terms: in rows that were sorted by pose, pose may pass for most of it.
+    told = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
+    size = float(told * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
+    if size < _JUMP_SIGMAS:
+        return
+    row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
+    large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
+    turn = f" and {angle * 1e3:.3g} mrad" if pose.shape[1] > 3 else ""
+    yield found(
+        campaign,
+        FlagCode.MEASUREMENT_JUMP,
+        f"from about line {campaign.lines[row]} on all measurements are shifted by {distance * 1e3:.3g} mm{turn} "
+        f"(session {session})",
+        [row],
+        columns.POSITION,
+        {"step_mm": distance * 1e3, "step_mrad": angle * 1e3, "deviations": size},
+        severity=Severity.WARNING if large else Severity.NOTE,
+    )

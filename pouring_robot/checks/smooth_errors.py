@@ -1,0 +1,213 @@
+"""Smooth errors, which a row that is right may have: low-order functions of pose and conditions, or of drives.
+
+What they leave of each row, judged without itself, and its robust deviation; the loss is Huber's, then Tukey's
+(:mod:`pouring_robot.estimation.robust`).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.checks.units_and_axes import Comparison
+from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.robust import huber_weights, robust_sigma, tukey_weights
+from pouring_robot.io.units import shown_in
+from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.local_parameters import GeometricParameter
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
+
+ROWS_PER_TERM = 4
+"""Rows that a term of a smooth function needs."""
+_RIDGE = 1e-3
+_NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
+_VARIES = 1e-6  # of rotations, root mean square; below it they stand still
+_GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
+_SLOW = ("time", "temperature")
+
+
+def base_residuals(
+    campaign: Campaign, data: Comparison, fit: FrameFit, *, with_time: bool = True
+) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return the smooth terms, residuals in fixed-platform axes, (n, 3) or (n, 6), in m and rad, and their noise.
+
+    A missing cell is filled by what the other rows say of it; the noise is that of each column.
+    """
+    terms, stated = _smooth_terms(campaign, data.poses, with_time=with_time), campaign.metadata
+    seen = [(fit.position_residual_m, stated.sigma_position_m or 1e-6)]
+    if fit.rotation_residual_rad is not None:
+        seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or 1e-6))
+    whole = (np.column_stack([_filled(terms, column, noise) for column in residual.T]) for residual, noise in seen)
+    turned = [residual @ fit.frames.T_tracker_base.rotation for residual in whole]
+    return terms, np.concatenate(turned, axis=1), np.repeat([noise for _, noise in seen], 3).tolist()
+
+
+def joint_effect(
+    robot: RobotDefinition, drawing: Drawing, drives: FloatArray, frames: OuterFrames
+) -> tuple[FloatArray, FloatArray]:
+    """Return how the target moves with every drive, then every displacement of every joint, and a small error of each.
+
+    Shapes (n, 6, p), see :func:`target_effect`; and (p,), 1 mm or 1 mrad.
+    """
+    catalogue = ParameterCatalogue(robot, drawing.mechanism)
+    local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
+    return target_effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
+
+
+def target_effect(
+    drawing: Drawing, drives: FloatArray, frames: OuterFrames, parameters: Sequence[GeometricParameter]
+) -> FloatArray:
+    """Return how the target on the nominal robot moves with p parameters, (n, 6, p), in tracker axes; NaN without pose.
+
+    Displacement of its origin (m) and rotation vector (rad), per m and rad.
+    """
+    engine, start = drawing.engine, drawing.starts(drives)
+    reached = np.flatnonzero(np.isfinite(start.position).all(axis=1))
+    closed = engine.close(drives[reached], start[reached])
+    matrix = engine.transfer(closed, parameters).matrix
+    effect = np.full((len(drives), *matrix.shape[1:]), np.nan)
+    effect[reached] = frames.carried(matrix, PoseStack(closed.position, closed.rotation))
+    return effect
+
+
+def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float) -> FloatArray:
+    """Return the drive errors that would explain residuals best, (n, drives), in m; NaN where the effect is not known.
+
+    Where residuals do not fix all drives, the least such errors are returned.
+
+    Args:
+        effect: (n, 6, drives); see :func:`target_effect`.
+        units: of the drives, ``m`` or ``rad``. An angle counts as the length it moves the target at the median pose.
+        residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in base axes.
+        metres_per_rad: how rotations weigh against positions, in m.
+    """
+    reach = np.nanmedian(np.linalg.norm(effect[:, :3], axis=1), axis=0)
+    scale = np.where((np.array(units) == "rad") & (reach > 0.0), reach, 1.0)
+    count = residual.shape[1]
+    weight = np.array([1.0, 1.0, 1.0, *[metres_per_rad] * 3])[:count]
+    known = np.isfinite(effect).all(axis=(1, 2))
+    inverse = np.linalg.pinv(weight[:, None] * effect[known, :count] / scale, rcond=1e-9)
+    errors = np.full((len(effect), len(units)), np.nan)
+    errors[known] = np.einsum("nij,nj->ni", inverse, weight * residual[known])
+    return errors
+
+
+def _smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True) -> FloatArray:
+    """Return the terms a smooth error may have, (n, terms), each scaled to its spread; NaN only where no pose is.
+
+    Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough. The pose is its
+    position and what of its rotation varies.
+    """
+    terms, first = _linear_terms(campaign, poses, with_time)
+    pose_terms = terms[1:first]
+    squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
+    rows = int(campaign.usable.sum())
+    if rows < ROWS_PER_TERM * len(terms):
+        terms = terms[:first] if rows >= ROWS_PER_TERM * first else terms[:1]
+    elif rows >= ROWS_PER_TERM * (len(terms) + len(squares)):
+        terms += squares
+    return np.column_stack(terms)
+
+
+def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
+    """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
+    pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
+    kinds = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
+    kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
+    conditions = [campaign.conditions[name] for name in kept]
+    conditions += [] if campaign.approach is None else list(campaign.approach.T)
+    terms = [np.ones(len(campaign)), *pose_terms]
+    for values in conditions:
+        if np.unique(values[np.isfinite(values)]).size > 1:
+            terms.append(_scaled(np.where(np.isfinite(values), values, np.nanmedian(values))))
+    return terms, 1 + len(pose_terms)
+
+
+def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
+    """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
+
+    Of a linear error of pose and conditions. Beyond all that the others had it is large: they tell nothing there.
+    """
+    terms = np.column_stack(_linear_terms(campaign, poses, with_time=True)[0])
+    others = np.delete(terms, rows, axis=0)
+    others = others[np.isfinite(others).all(axis=1)]
+    spread = np.linalg.inv(others.T @ others + _RIDGE * np.eye(terms.shape[1]))
+    return np.asarray(np.einsum("ij,jk,ik->i", terms[rows], spread, terms[rows]))
+
+
+def _turns(poses: PoseStack) -> FloatArray:
+    """Return what varies of the rotation matrices, (n, up to 9): cosine and sine where they turn about one axis."""
+    rotation = poses.rotation.reshape(-1, 9)
+    known = poses.complete
+    middle = rotation[known].mean(axis=0)
+    _, sizes, axes = np.linalg.svd(rotation[known] - middle, full_matrices=False)
+    return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)
+
+
+def _scaled(values: FloatArray) -> FloatArray:
+    spread = float(np.nanstd(values))
+    centred = values - np.nanmedian(values)
+    return centred / spread if spread > 1e-12 else 0.0 * centred
+
+
+def unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
+    """Return what the terms leave of a column of values, (n,), in robust deviations; see :func:`leftover`."""
+    size, deviation = leftover(terms, values, floor)
+    return size / deviation
+
+
+def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, float]:
+    """Return what smooth terms (n, t) leave of values, each row judged without itself, and its robust deviation.
+
+    Of NaN rows nothing is left; ``floor`` is the least deviation that counts, in the unit of the values: the noise.
+    """
+    _, left, scale = robust_fit(terms, values, floor)
+    return sized(left, scale)
+
+
+def sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
+    """Return the sizes of leftovers (n,), 0 for NaN, and their robust deviation, which is no less than given.
+
+    Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale; but of those
+    that agree, as more than a tenth may be wrong. From the median, which fewer than half cannot move far, the scale
+    grows while the rows within its reach say so: over tails, not over a gap to rows that cannot be right.
+    """
+    size, deviation, before = np.abs(np.nan_to_num(left)), max(least, robust_sigma(left)), 0.0
+    while deviation > before and np.isfinite(left).any():
+        before, agreeing = deviation, np.abs(left) <= _GAP_SIGMAS * deviation
+        deviation = max(before, float(np.quantile(size[agreeing], 0.9)) / _NINETY_PER_CENT)
+    return size, deviation
+
+
+def _filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
+    """Return values (n,) with missing ones replaced by what the terms, fitted to the others, say of them."""
+    if np.isfinite(values).all() or not np.isfinite(values).any():
+        return values
+    coefficients, _, _ = robust_fit(terms, values, floor)
+    return np.where(np.isfinite(values), values, terms @ coefficients)
+
+
+def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return coefficients (terms,), leftover of each row judged without itself (n,), and its deviation."""
+    known = np.isfinite(values) & np.isfinite(terms).all(axis=1)
+    design, target = terms[known], values[known]
+    weight = np.ones(len(design))
+    coefficients = np.zeros(design.shape[1])
+    left, scale, ridge = target.copy(), max(robust_sigma(target), floor, 1e-12), _RIDGE * np.eye(design.shape[1])
+    for step in range(20):
+        weighted = design * weight[:, None]
+        inverse = np.linalg.inv(weighted.T @ design + ridge)
+        leverage = ((design @ inverse) * weighted).sum(axis=1)
+        coefficients = inverse @ (weighted.T @ target)
+        left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
+        scale = max(robust_sigma(left), floor, 1e-12)
+        size = np.minimum(np.abs(left) / scale, 1e6)
+        # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
+        weight = huber_weights(size) if step < 8 else tukey_weights(size)
+    full = np.full(values.size, np.nan)
+    full[known] = left
+    return coefficients, full, scale
