@@ -13,7 +13,7 @@ from scipy.special import expit, logsumexp, softmax
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.priors import log_prior_odds
+from pouring_robot.inference.priors import log_prior_odds, share_in_the_library
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import credible
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
@@ -283,11 +283,11 @@ def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
     """Return the probability that a part worth E nats is neither noise nor of something unknown.
 
-    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library (:func:`~.priors.log_prior_odds`). That something
-    which the library does not hold looks like one no data of one campaign tell: it counts with the accepted rate of
-    false names.
+    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library: :func:`~.priors.share_in_the_library` and
+    :func:`~.priors.log_prior_odds`.
     """
-    return (1.0 - thresholds.false_names) * float(expit(evidence + log_prior_odds(len(hypothesis.problem.known))))
+    odds = evidence + log_prior_odds(len(hypothesis.problem.known))
+    return share_in_the_library(thresholds.false_names) * float(expit(odds))
 
 
 def _rivals(hypothesis: Hypothesis, indices: Sequence[int]) -> dict[str, float]:
