@@ -16,6 +16,7 @@ from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.stack import changes_by_stack
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
@@ -24,7 +25,6 @@ from pouring_robot.estimation.map_fit import (
     Fit,
     FitOptions,
     campaign_and_model,
-    first_frames,
     identify,
     noise_left_over,
     seen_from_one_place,

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.kinds import KINDS, kind_of
-from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
+from pouring_robot.estimation.map_fit import FitOptions, identify
 from pouring_robot.estimation.measurement import ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import Split

@@ -23,11 +23,11 @@ from pouring_robot.effects.conditions import conditions_of, of_commands
 from pouring_robot.effects.nominal import NominalRows, nominal_rows
 from pouring_robot.effects.stack import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import FRAME_STD
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
 from pouring_robot.estimation.kinds import are
-from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten

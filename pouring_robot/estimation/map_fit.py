@@ -6,38 +6,30 @@ Minimised is
 
 where a block b is the position or the rotation of one row: one slip spoils all three coordinates. The robust loss is
 quadratic up to the bound that 99 % of sound blocks keep, widened while the median block is larger than noise makes it
-(far from the answer, or where the model lacks something). How it is searched:
-:mod:`pouring_robot.estimation.levenberg_marquardt`.
+(far from the answer, or where the model lacks something). Where it is searched from:
+:mod:`pouring_robot.estimation.first_frames`; how: :mod:`pouring_robot.estimation.levenberg_marquardt`; which unknowns
+the measurements cannot tell: :mod:`pouring_robot.estimation.identifiability`.
 """
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import scipy.special
-from scipy.spatial.transform import Rotation
 
-from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.fit_priors import FRAME_STD
-from pouring_robot.estimation.frames.fit import fit_frames
-from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
-from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.levenberg_marquardt import Search
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, scatter
-from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
-from pouring_robot.exceptions import BadInputError, FrameFitError
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
-_STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 _NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
 """Of n equations the noise is known to 1 / sqrt(2 n): closer than 1 % only of more than 5000. Rounds are cheap, as each
@@ -69,84 +61,6 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()
     return in_one_frame(campaign, PoseStack(closure.position, closure.rotation))
-
-
-def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
-    """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
-
-    Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
-    frames, and they stay at one. Raises FrameFitError if something was measured of places, but of too few rows.
-    """
-    closure = rows.present()
-    poses = PoseStack(closure.position, closure.rotation)
-    whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
-    if whole < FEWEST_FOR_FRAMES and not measured.framed:
-        frames = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
-    elif whole < FEWEST_FOR_FRAMES:
-        frames = _searched_frames(measured, closure)
-    else:
-        scale = measured.sigma_position_m / measured.sigma_rotation_rad
-        frames = fit_frames(poses, measured.position_m, measured.rotation, scale).frames
-    return Unknowns.zero(frames, len(rows.model.parameters) + len(rows.model.sessions))
-
-
-def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFrames:
-    """Return the frames that fit best to whatever was measured of places: coordinates, distances, a few positions.
-
-    Least squares from many starts, of the present robot: the 24 ways of laying axes along axes, each shifted so that
-    what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
-    that the data leave open stay near their start.
-    """
-    seen = measured.known[:, : FRAMES // 2 + 1]
-    told = seen.any(axis=1) & closure.closed
-    places = told & seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1)
-    if told.sum() < FEWEST_FOR_FRAMES or not places.any():
-        raise FrameFitError(int(places.sum()), FEWEST_FOR_FRAMES)
-    found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
-    return min(found, key=lambda one: one[0])[1]
-
-
-def _starts(measured: MeasuredPoses, closure: BatchClosure) -> list[OuterFrames]:
-    places = np.nanmean(closure.position, axis=0)
-    known = np.isfinite(measured.position_m)
-    seen = np.where(known, measured.position_m, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    sides = np.zeros((1, 3))
-    if not known.any():
-        residual = measured.residual(Prediction.of(closure, OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())))
-        away = np.nanmean(residual[:, FRAMES // 2] + np.linalg.norm(closure.position, axis=1))
-        sides = away * np.concatenate([np.eye(3), -np.eye(3)])
-    turns = Rotation.create_group("O").as_matrix()
-    return [
-        OuterFrames(pin.SE3(turn, seen + side - turn @ places), pin.SE3.Identity()) for turn in turns for side in sides
-    ]
-
-
-def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> tuple[float, OuterFrames]:
-    """Run Levenberg-Marquardt; return the sum of squares and the frames."""
-    equations, damping = _equations(measured, closure, frames), 1e-3
-    cost = float(equations.residual @ equations.residual)
-    for _ in range(_STEPS):
-        jacobian = equations.derivatives
-        normal = jacobian.T @ jacobian
-        # Also of directions of which nothing is told, where round-off would choose the step.
-        hold = (damping * np.trace(normal) / FRAMES + FRAME_STD**-2) * np.eye(FRAMES)
-        step: FloatArray = -np.linalg.solve(normal + hold, jacobian.T @ equations.residual)
-        moved = frames.moved(step)
-        trial = _equations(measured, closure, moved)
-        better = float(trial.residual @ trial.residual)
-        if better < cost:
-            frames, equations, cost, damping = moved, trial, better, max(0.1 * damping, _LEAST_DAMPING)
-        else:
-            damping *= 10.0
-        if np.abs(step).max() < _SETTLED or damping > _MOST_DAMPING:
-            break
-    return cost, frames
-
-
-def _equations(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> WhitenedEquations:
-    seen, gap = Prediction.of(closure, frames), closure.disagreement
-    redundant = np.zeros((*gap.shape, FRAMES)) if gap.size else None
-    return whiten(measured, replace(seen, jacobian=frames.jacobian(seen.poses), disagreement=redundant))
 
 
 @dataclass(frozen=True)
@@ -224,7 +138,7 @@ def identify(
 ) -> Fit:
     """Find the most probable unknowns of what was measured of rows; prior means are 0.
 
-    The frames of ``start`` are near the answer (see :func:`first_frames`); ``prior_std`` are those of all unknowns,
+    The frames of ``start`` are near the answer (see :mod:`~.first_frames`); ``prior_std`` are those of all unknowns,
     shape (12 + P,), in m and rad.
 
     Raises:

@@ -26,8 +26,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import prior_std
-from pouring_robot.estimation.map_fit import Fit, first_frames, identify
+from pouring_robot.estimation.map_fit import Fit, identify
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses

@@ -22,11 +22,12 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.intervals import Z95
-from pouring_robot.estimation.map_fit import Fit, FitOptions, first_frames, identify
+from pouring_robot.estimation.map_fit import Fit, FitOptions, identify
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten

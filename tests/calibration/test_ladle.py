@@ -5,8 +5,9 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.calibration.metrics import ladle_uncertainty, workspace_rows
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.map_fit import first_frames, identify
+from pouring_robot.estimation.map_fit import identify
 from tests.estimation.virtual import Virtual, model_of
 
 

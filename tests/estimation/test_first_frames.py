@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.map_fit import first_frames
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.exceptions import FrameFitError
 from tests.estimation.virtual import SIGMA, Virtual, model_of

@@ -15,9 +15,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.kinds import KINDS, component_name, kind_of
-from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
+from pouring_robot.estimation.map_fit import FitOptions, identify
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten

@@ -7,9 +7,10 @@ import pytest
 import scipy.stats
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.levenberg_marquardt import Search
-from pouring_robot.estimation.map_fit import FitOptions, campaign_and_model, first_frames, identify
+from pouring_robot.estimation.map_fit import FitOptions, campaign_and_model, identify
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.robust import robust_terms, typical_size

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.estimation import map_fit
-from pouring_robot.estimation.map_fit import first_frames, identify, noise_left_over
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.map_fit import identify, noise_left_over
 from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel, noise_beforehand, repeat_noise, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged

@@ -1,0 +1,103 @@
+"""Where a fit starts: both outer frames, of the present robot, fitted to whatever was measured.
+
+Of enough whole positions by :mod:`pouring_robot.estimation.frames.fit`; of single coordinates and distances from many
+starts, as least squares by Levenberg and Marquardt.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from pouring_robot.batch import BatchClosure
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.fit_priors import FRAME_STD
+from pouring_robot.estimation.frames.fit import fit_frames
+from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
+from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.kinds import are
+from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.exceptions import FrameFitError
+from pouring_robot.mechanism.arrays import FloatArray
+
+_STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
+
+
+def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
+    """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
+
+    Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
+    frames, and they stay at one. Raises FrameFitError if something was measured of places, but of too few rows.
+    """
+    closure = rows.present()
+    poses = PoseStack(closure.position, closure.rotation)
+    whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
+    if whole < FEWEST_FOR_FRAMES and not measured.framed:
+        frames = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
+    elif whole < FEWEST_FOR_FRAMES:
+        frames = _searched_frames(measured, closure)
+    else:
+        scale = measured.sigma_position_m / measured.sigma_rotation_rad
+        frames = fit_frames(poses, measured.position_m, measured.rotation, scale).frames
+    return Unknowns.zero(frames, len(rows.model.parameters) + len(rows.model.sessions))
+
+
+def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFrames:
+    """Return the frames that fit best to whatever was measured of places: coordinates, distances, a few positions.
+
+    Least squares from many starts, of the present robot: the 24 ways of laying axes along axes, each shifted so that
+    what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
+    that the data leave open stay near their start.
+    """
+    seen = measured.known[:, : FRAMES // 2 + 1]
+    told = seen.any(axis=1) & closure.closed
+    places = told & seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1)
+    if told.sum() < FEWEST_FOR_FRAMES or not places.any():
+        raise FrameFitError(int(places.sum()), FEWEST_FOR_FRAMES)
+    found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _starts(measured: MeasuredPoses, closure: BatchClosure) -> list[OuterFrames]:
+    places = np.nanmean(closure.position, axis=0)
+    known = np.isfinite(measured.position_m)
+    seen = np.where(known, measured.position_m, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    sides = np.zeros((1, 3))
+    if not known.any():
+        residual = measured.residual(Prediction.of(closure, OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())))
+        away = np.nanmean(residual[:, FRAMES // 2] + np.linalg.norm(closure.position, axis=1))
+        sides = away * np.concatenate([np.eye(3), -np.eye(3)])
+    turns = Rotation.create_group("O").as_matrix()
+    return [
+        OuterFrames(pin.SE3(turn, seen + side - turn @ places), pin.SE3.Identity()) for turn in turns for side in sides
+    ]
+
+
+def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> tuple[float, OuterFrames]:
+    """Run Levenberg-Marquardt; return the sum of squares and the frames."""
+    equations, damping = _equations(measured, closure, frames), 1e-3
+    cost = float(equations.residual @ equations.residual)
+    for _ in range(_STEPS):
+        jacobian = equations.derivatives
+        normal = jacobian.T @ jacobian
+        # Also of directions of which nothing is told, where round-off would choose the step.
+        hold = (damping * np.trace(normal) / FRAMES + FRAME_STD**-2) * np.eye(FRAMES)
+        step: FloatArray = -np.linalg.solve(normal + hold, jacobian.T @ equations.residual)
+        moved = frames.moved(step)
+        trial = _equations(measured, closure, moved)
+        better = float(trial.residual @ trial.residual)
+        if better < cost:
+            frames, equations, cost, damping = moved, trial, better, max(0.1 * damping, _LEAST_DAMPING)
+        else:
+            damping *= 10.0
+        if np.abs(step).max() < _SETTLED or damping > _MOST_DAMPING:
+            break
+    return cost, frames
+
+
+def _equations(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> WhitenedEquations:
+    seen, gap = Prediction.of(closure, frames), closure.disagreement
+    redundant = np.zeros((*gap.shape, FRAMES)) if gap.size else None
+    return whiten(measured, replace(seen, jacobian=frames.jacobian(seen.poses), disagreement=redundant))
