@@ -1,4 +1,8 @@
-"""Whole blocks held out: one for the test, looked at once at the end; the others validate each other in turn.
+"""Whole blocks held out: one for the test, which no fit sees; the others validate each other in turn.
+
+A calibration chooses groups of parameters by the others (``calibration/selection.py``) and is refused where the test
+block says so; a diagnosis says how well the amended model foretells the test block, and where that is small each block
+by all others (``diagnosis/held_out.py``).
 
 What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside
 down, the others leave target and base open against each other along the vertical. Such a block is not held out.
@@ -35,9 +39,9 @@ class Split:
     """Which rows serve for what."""
 
     kind: BlockKind  # how rows belong together
-    test: Indices  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
+    test: Indices  # rows of the test block: no fit and no choice sees them; of a calibration they may refuse the whole
     test_name: str  # the block's name
-    folds: tuple[Indices, ...]  # blocks of the other rows; each validates what the others are fitted to
+    folds: tuple[Indices, ...]  # blocks of the other rows; each may validate what others are fitted to
     told: tuple[FloatArray, ...]  # what each fold tells of the outer frames: inner products of their columns, (k, k)
 
     @property
