@@ -1,8 +1,8 @@
-"""Closing the loops: damped Newton on the closure energy, symmetric in the chains.
+r"""Closing the loops: damped Newton on the closure energy, symmetric in the chains.
 
-Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the
-minimum of ``energy``, and what is left open at that minimum is part of the result: it tells the
-user that parts would be forced together.
+Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the minimum of
+:math:`\sum_i \tfrac12 e_i^T K e_i`, what is open in each loop, with yielding drives and gravity where there are any
+(:mod:`~.energy`). What is left open there is part of the result: parts would be forced together.
 """
 
 import functools
