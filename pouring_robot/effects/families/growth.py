@@ -1,5 +1,7 @@
 """Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it.
 
+They go by measured temperatures, of the pouring robot, too; what is computed from its melt stands in
+:mod:`pouring_robot.thermal.expansion.leg_growth`. Of both at once ``twice_lines`` of ``cli/poses/heat.py`` warns.
 Which links carry what: :mod:`pouring_robot.effects.carried`.
 """
 

@@ -7,6 +7,9 @@ each U-joint centre moves outwards by α ΔT times its place.
 The growth of a driven leg moves the robot; that of a passive one is taken up by its joint and moves nothing.
 Measured temperatures can take the place of computed ones, part by part.
 
+This is growth computed from the melt. Growth by a campaign's thermometers, of any robot, is an effect of
+``effects/families/growth.py``; of both at once ``twice_lines`` of ``cli/poses/heat.py`` warns.
+
 A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
 """
 
