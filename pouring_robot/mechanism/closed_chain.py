@@ -22,9 +22,6 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
 
-GRAVITY_M_S2 = 9.80665
-"""Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
-
 
 @dataclass(frozen=True)
 class LoopAnchor:
@@ -78,7 +75,8 @@ class ClosedChainMechanism:
     ) -> None:
         self.urdf, self.loops, self._source, self._home = urdf, loops, Path(source), dict(home)
         self._workspace = threading.local()
-        self.shared_model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)
+        self.tree_urdf, self.mimics, self.shared_model = tree_of(urdf, loops, self._source)
+        self._displacements, self._built_in = dict(displacements), dict(built_in)
         for name in displacements:
             self.require_placement(name)
         displace_model(self.shared_model, displacements)
@@ -150,14 +148,6 @@ class ClosedChainMechanism:
             raise BadInputError(
                 f"joint '{joint}' is cut, so displacing it changes nothing; displace the platform's seats"
             )
-
-    def _build(self) -> pin.Model:
-        self.tree_urdf, self.mimics, model = tree_of(self.urdf, self.loops, self._source)
-        model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
-        model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)
-        model.upperPositionLimit = np.where(unsaid, np.inf, model.upperPositionLimit)
-        return model
 
     def _check_mimics(self) -> None:
         for mimic in self.mimics:

@@ -1,6 +1,8 @@
 """Pinocchio's model of a URDF: joints that are not what it says, the parser's words, and joints displaced in the model.
 
-Joints may be released, fixed, universal, spherical, or tied to another by ``mimic``.
+Joints may be released, fixed, universal, spherical, or tied to another by ``mimic``. A xacro becomes a URDF before, in
+``robot/description/xacro_to_urdf.py``. Of ``joint_types`` what a URDF can say stands in the URDF of a robot already
+(``robot/description/definition.py``); ball joints, which it cannot say, are made here.
 """
 
 import contextlib
@@ -14,12 +16,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
 from pouring_robot.mechanism.loops_file import LoopsFile
 
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 # The parser writes to the process's standard error, of which there is one.
 _lock = threading.Lock()
@@ -142,11 +147,15 @@ def _tree_of(
         raise DescriptionError(f"URDF of {source}", f"not valid XML: {problem}") from problem
     except BadInputError as problem:
         raise DescriptionError(f"URDF of {source}", str(problem)) from problem
-    model, spherical = _parsed(tree_urdf, source), {name for name, kind in changed.items() if kind == "spherical"}
+    model, spherical = model_of(tree_urdf, source), {name for name, kind in changed.items() if kind == "spherical"}
     return tree_urdf, mimics, make_spherical(model, spherical) if spherical else model
 
 
-def _parsed(urdf: str, source: Path) -> pin.Model:
+def model_of(urdf: str, source: Path) -> pin.Model:
+    """Return Pinocchio's model of a URDF, under standard gravity; joints whose limits it leaves out have none.
+
+    Raises DescriptionError, in the parser's words, where Pinocchio cannot build it.
+    """
     words: list[str] = []
     try:
         with _heard(words):
@@ -156,6 +165,10 @@ def _parsed(urdf: str, source: Path) -> pin.Model:
         raise DescriptionError(f"URDF of {source}", f"Pinocchio cannot build it: {why}") from problem
     for line in words:  # it took the URDF, but not without a word
         print(line, file=sys.stderr)
+    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
+    model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)
+    model.upperPositionLimit = np.where(unsaid, np.inf, model.upperPositionLimit)
     return model
 
 

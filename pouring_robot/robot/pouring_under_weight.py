@@ -5,10 +5,10 @@ import copy
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopStiffness, Quantity
+from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot

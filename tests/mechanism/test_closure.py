@@ -10,10 +10,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameError, UnknownJointError
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopsFile
+from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import (
     CHAINS,

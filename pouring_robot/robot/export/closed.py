@@ -18,7 +18,7 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.mechanism.pinocchio_model import frame_index
+from pouring_robot.mechanism.pinocchio_model import frame_index, model_of
 from pouring_robot.robot.description.urdf import joint_axis, parsed, perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
@@ -110,7 +110,7 @@ class ClosedRobot:
 
     def tips_m(self, standing: Iterable[Mapping[str, float]]) -> FloatArray:
         """Return where the tree has its working frame at joint values (m, rad), seen from the base, shape (n, 3), m."""
-        loops, tree = self.mechanism.loops, pin.buildModelFromXML(self.urdf)
+        loops, tree = self.mechanism.loops, model_of(self.urdf, self.robot.model.definition.path)
         data, found = tree.createData(), []
         base, tip = (frame_index(tree, name) for name in (loops.base_frame, loops.working_frame))
         for values in standing:

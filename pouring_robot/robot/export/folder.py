@@ -14,6 +14,7 @@ from lxml import etree
 from lxml.builder import E
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.mechanism.pinocchio_model import model_of
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot, configured
@@ -111,7 +112,7 @@ def joined_or_touching(closed: ClosedRobot, assembly: Assembly) -> dict[tuple[st
 
 
 def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
-    model = pin.buildModelFromXML(closed.urdf)
+    model = model_of(closed.urdf, closed.robot.model.definition.path)
     shapes = pin.buildGeomFromUrdfString(model, _with_what_is_here(closed.urdf), pin.GeometryType.COLLISION)
     names = [model.frames[item.parentFrame].name for item in shapes.geometryObjects]
     for (i, one), (k, other) in itertools.combinations(enumerate(names), 2):

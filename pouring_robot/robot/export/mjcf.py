@@ -15,8 +15,8 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.loops_file import LoopSpec
+from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed import ClosedRobot
