@@ -148,7 +148,9 @@ def _fault(part: etree._Element) -> str:
         kind, axis, (lower, upper) = part.get("type"), joint_axis(part), limits_said(part)
         if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
             return "it has no direction; give its axis three numbers, not all zero"
-        if kind == "planar" and (axis.shape != (3,) or axis[:2].any() or not axis[2]):
+        # One that says none is taken across z by all who move planar joints, though axes that nobody says are x.
+        said = kind == "planar" and part.find("axis") is not None
+        if said and (axis.shape != (3,) or axis[:2].any() or not axis[2]):
             return "its plane is taken across z; say axis 0 0 1, its origin so turned that z is normal to the plane"
         if kind in ("revolute", "prismatic") and part.find("limit") is None:
             return "it has no limits; give it some, or the type 'continuous' where it turns without end"
