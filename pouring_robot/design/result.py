@@ -1,7 +1,7 @@
 """What a plan is, what is to be expected of it, and a picture of both."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -198,15 +198,14 @@ def plot(plan: MeasurementPlan) -> bytes:
     Beside it, the working frame's expected standard deviation there.
     """
     figure = new_figure(11.0, 10.5, dpi=120)
-    edge = np.array([axis.shown(1.0) for axis in plan.axes])
-    lower, upper = (corner * edge for corner in command_box(plan.axes))
+    lower, upper = np.sort(_shown(plan.axes, np.array(command_box(plan.axes))), axis=0)
     high = min(2, len(plan.axes) - 1)
     shown = [k for k in range(len(plan.axes)) if k != high][:3]
     names = [axis.heading.replace("_", " [") + "]" for axis in plan.axes]
     above, below = "XYT"[: len(shown)], "AB"[: len(shown)]
     mosaic = "XYTT;AABB" if len(shown) == 3 else f"{above};{below}"
     sights = figure.subplot_mosaic(mosaic, height_ratios=(1.4, 1.0))
-    poses = plan.poses * edge
+    poses = _shown(plan.axes, plan.poses)
     for key, axis in zip(above, shown, strict=True):
         draw_box(sights[key], (lower[axis], upper[axis]), (lower[high], upper[high]))
         sights[key].margins(0.12)
@@ -216,7 +215,7 @@ def plot(plan: MeasurementPlan) -> bytes:
         sights[key].grid(alpha=0.25)
     handles, labels = sights["X"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
-    grid, std = plan.quality.ladle_poses * edge, plan.quality.ladle_position_std_m / MM
+    grid, std = _shown(plan.axes, plan.quality.ladle_poses), plan.quality.ladle_position_std_m / MM
     for key, axis in zip(below, (shown[-1], shown[0]), strict=False):
         if isinstance(plan.robot, PouringDefinition):
             drawn = sights[key].contourf(*_mapped(grid[:, axis], grid[:, high], std), levels=12, cmap="viridis")
@@ -228,6 +227,11 @@ def plot(plan: MeasurementPlan) -> bytes:
     sights[above[-1]].set_title("poses of one place are drawn a little apart", fontsize="small")
     figure.suptitle(plan.headline)
     return png_of(figure)
+
+
+def _shown(axes: Sequence[CommandAxis], commands: FloatArray) -> FloatArray:
+    """Return commands (n, k), in m and rad, as their table has them, in mm and degrees."""
+    return np.array([[axis.shown(value) for axis, value in zip(axes, one, strict=True)] for one in commands.tolist()])
 
 
 def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArray) -> None:

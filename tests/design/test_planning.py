@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -504,6 +505,17 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     assert read.conditions["approach_q1"].tolist() == [c.side for c in visited.conditions]
     assert read.conditions["payload"].tolist() == [c.payload_kg for c in visited.conditions]
     assert read.conditions["leg2"].tolist() == [c.leg_degC for c in visited.conditions]
+
+
+def test_the_picture_shows_commands_as_the_table_has_them(visited, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("pouring_robot.design.result.png_of", lambda figure: drawn.append(figure) or b"")
+    drive = Drive("x", "x", "m", "length", factor=-2.0, zero=1.0)
+    plot(replace(visited, axes=(replace(visited.axes[0], drive=drive), *visited.axes[1:])))
+    across = np.concatenate([points.get_offsets()[:, 0] for points in drawn[0].axes[0].collections])
+    told = (visited.poses[:, 0] - 1.0) / -2.0 * 1e3
+    spread = 0.1 * np.ptp(told)  # poses of one place are drawn a little apart
+    assert told.min() - spread <= across.min() <= across.max() <= told.max() + spread
 
 
 def test_picture_and_figures(robot, visited, tmp_path):
