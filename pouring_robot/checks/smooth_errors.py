@@ -33,7 +33,7 @@ _SLOW = ("time", "temperature")
 def base_residuals(
     campaign: Campaign, data: Comparison, fit: FrameFit, *, with_time: bool = True
 ) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return the smooth terms, residuals in fixed-platform axes, (n, 3) or (n, 6), in m and rad, and their noise.
+    """Return the smooth terms, residuals in base axes, (n, 3) or (n, 6), in m and rad, and their noise.
 
     A missing cell is filled by what the other rows say of it; the noise is that of each column.
     """
