@@ -210,10 +210,12 @@ class Diagnoser:
         for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
             if group.key in forms:
                 form = forms[group.key]
-                units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
-                told = form.told(self.fitted) @ units if form.told else units
-                stds = np.sqrt(np.einsum("ij,jk,ik->i", told, covariance[own, own], told))
-                values = zip(form.parameters, (told @ mean[own]).tolist(), stds.tolist(), strict=True)
+                units = weights * np.array([p.prior_std for p in form.parameters])
+                told, spread = units * mean[own], units[:, None] * covariance[own, own] * units
+                if form.told:
+                    from_others = form.told(self.fitted)
+                    told, spread = from_others @ told, from_others @ spread @ from_others.T
+                values = zip(form.parameters, told.tolist(), np.sqrt(np.diag(spread)).tolist(), strict=True)
                 found.append((group.key, tuple(FoundParameter(*each) for each in values)))
         return found
 
