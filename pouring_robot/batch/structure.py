@@ -21,6 +21,7 @@ from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismErro
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.local_parameters import PlacementParameter, placement_parameters
+from pouring_robot.mechanism.rotations import turn_to
 
 IntArray = NDArray[np.int64]
 CountArray = NDArray[np.int32]
@@ -290,15 +291,6 @@ def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArra
         revolute.append(bool(angular > linear))
         turns.append(turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
     return np.array(turns), np.array(revolute)
-
-
-def turn_to(axis: FloatArray) -> FloatArray:
-    """Return a rotation whose third column is the axis; exact permutations for the coordinate axes."""
-    unit = axis / np.linalg.norm(axis)
-    helper = np.roll(np.eye(3)[int(np.argmax(np.abs(unit)))], 1)
-    first = np.cross(helper, unit)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(unit, first), unit], axis=1)
 
 
 def _end_frame(mechanism: ClosedChainMechanism) -> int:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch import engine_for
-from pouring_robot.batch.structure import turn_to
 from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.rotations import turn_to
 from pouring_robot.robot.description.cause_types import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive

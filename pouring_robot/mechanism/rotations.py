@@ -56,3 +56,12 @@ def rotation_vectors(matrices: FloatArray) -> FloatArray:
     if known.any():
         vectors[known] = Rotation.from_matrix(matrices[known]).as_rotvec()
     return vectors
+
+
+def turn_to(axis: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) whose third column is an axis (3,); exact permutations for the coordinate axes."""
+    unit = axis / np.linalg.norm(axis)
+    helper = np.roll(np.eye(3)[int(np.argmax(np.abs(unit)))], 1)
+    first = np.cross(helper, unit)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(unit, first), unit], axis=1)
