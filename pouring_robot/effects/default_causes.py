@@ -52,40 +52,39 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     slides = {name: drives for name, drives in groups.items() if drives[0].unit == "m"}
     turns = {name: drives for name, drives in groups.items() if drives[0].unit == "rad"}
     story = "the zeros of the drives are set wrong"
-    for entry, name in zip(_each(groups, "drive_zero_offset", "zero", story), groups, strict=True):
-        yield replace(entry, options={**entry.options, "size": _ZERO_MRAD if name in turns else 1.0})
+    for name, cause, own in _each(groups, "drive_zero_offset"):
+        yield CauseEntry(cause, "zero", story, {**own, "size": _ZERO_MRAD if name in turns else 1.0})
     slide = "the drives go further or less far than the controller believes, in proportion or with a build-up"
-    story = "the drives turn further or less far than the controller believes, in proportion: by gear, belt or encoder"
-    for entry, name in zip(_each(groups, "drive_scale", "ratio", story), groups, strict=True):
-        lead = replace(entry, family="scale", story=slide, options={**entry.options, **_LEAD})
-        yield lead if name in slides else entry
+    turn = "the drives turn further or less far than the controller believes, in proportion: by gear, belt or encoder"
+    for name, cause, own in _each(groups, "drive_scale"):
+        lead = name in slides
+        yield CauseEntry(cause, "scale", slide, {**own, **_LEAD}) if lead else CauseEntry(cause, "ratio", turn, own)
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"
-    yield from _each(slides, "drive_periodic", "periodic", story, {"sizes": (1.0, 0.25, 0.1), "period": "pitch"})
+    for _, cause, own in _each(slides, "drive_periodic"):
+        yield CauseEntry(cause, "periodic", story, {**own, "sizes": (1.0, 0.25, 0.1), "period": "pitch"})
     story = (
         "each joint errs by a periodic function of its own angle; encoder, gear and transmission do the same to a pose "
         "and cannot be told apart by it"
     )
-    yield from _each(turns, "joint_periodic", "periodic", story, {"sizes": HARMONIC_SIZES, "all_main": True})
+    for _, cause, own in _each(turns, "joint_periodic"):
+        yield CauseEntry(cause, "periodic", story, {**own, "sizes": HARMONIC_SIZES, "all_main": True})
     story = "nuts and gears have play: a drive stops short on the side it came from"
-    for entry, name in zip(_each(groups, "drive_backlash", "lost_motion", story, _STROKE), groups, strict=True):
-        yield replace(entry, options={**entry.options, "group": name if len(groups) > 1 else ""})
+    for name, cause, own in _each(groups, "drive_backlash"):
+        yield CauseEntry(cause, "lost_motion", story, {**own, **_STROKE, "group": name if len(groups) > 1 else ""})
     story = "the drives yield to the forces that weight puts on them"
-    for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
+    for name, cause, own in _each(groups, "drive_compliance"):
         sizes: dict[str, Any]
-        if drives[0].unit == "m":
+        if name in slides:
             family, sizes = "stretch", {"load": robot.file.usual_force_n, "length_m": 1.0}
         else:
-            family, sizes = "spring", {"load": _usual_moment(robot), "strengths": _strengths(robot, drives)}
-        yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})
+            family, sizes = "spring", {"load": _usual_moment(robot), "strengths": _strengths(robot, groups[name])}
+        yield CauseEntry(cause, family, story, {**own, "group": name, **sizes})
 
 
-def _each(
-    groups: Groups, id_: str, family: str, story: str, options: Mapping[str, Any] | None = None
-) -> Iterator[CauseEntry]:
-    """Yield a family over each group; the group's name is part of the id where there are several."""
+def _each(groups: Groups, id_: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield of each group its name, the id of its cause (with that name where there are several) and its drives."""
     for name, drives in groups.items():
-        own = {"drives": tuple(drive.joint for drive in drives), **(options or {})}
-        yield CauseEntry(f"{id_}.{name}" if len(groups) > 1 else id_, family, story, own)
+        yield name, f"{id_}.{name}" if len(groups) > 1 else id_, {"drives": tuple(drive.joint for drive in drives)}
 
 
 def _strengths(robot: RobotDefinition, drives: tuple[Drive, ...]) -> tuple[float, ...]:
