@@ -195,13 +195,16 @@ class Conditions:
                 return None
             return kept[0] if len(kept) == 1 else np.column_stack(kept)
         if name.endswith(FORCE):
-            group = self.robot.groups.get(name.removesuffix(FORCE), ())
-            forces = None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
+            forces = self._of_group(name.removesuffix(FORCE), self.drive_force)
             return None if forces is None or not np.isfinite(forces).all() else forces
         if name.endswith(SIDES):
-            group = self.robot.groups.get(name.removesuffix(SIDES), ())
-            return None if self.approach is None or not group else self.approach[:, self.places(group)]
+            return self._of_group(name.removesuffix(SIDES), self.approach)
         return self.travels.get(name.removesuffix("_m"))
+
+    def _of_group(self, name: str, of_drives: FloatArray | None) -> FloatArray | None:
+        """Return what is known of all drives, (n, D), of those of a group; None if nothing is, or there is none."""
+        group = self.robot.groups.get(name, ())
+        return None if of_drives is None or not group else of_drives[:, self.places(group)]
 
     def in_session(self, number: int) -> FloatArray:
         """Return 1 in rows of a session, else 0, (n,); NaN where nobody says which it is."""
