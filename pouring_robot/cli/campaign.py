@@ -232,9 +232,10 @@ def simulate(
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     standing = under.of(present, poses.given(present.model.definition))
     robots = None if standing is None else standing.robots(poses.drives)
+    sigma_rotation = MeasurementOptions.sigma_rotation_rad if noise_mrad is None else noise_mrad * 1e-3
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
-        sigma_rotation_rad=None if position_only else 1e-3 * (0.05 if noise_mrad is None else noise_mrad),
+        sigma_rotation_rad=None if position_only else sigma_rotation,
         outliers=outliers,
         outlier_m=outlier_mm * 1e-3,
         lost=lost,
