@@ -18,6 +18,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.processes import Channel, sums_of
+from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.model import RobotModel
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
@@ -142,7 +143,7 @@ def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch):
         items = summed(*asked)
         sizes = zip(items, (4e-4, 3e-4), (1e-5, 2e-5), strict=True)
         return [
-            dataclasses.replace(i, movement=np.full_like(i.movement, m), std=np.full_like(i.std, s))
+            dataclasses.replace(i, movement=i.movement * m / rms(i.movement), std=np.full_like(i.std, s))
             for i, m, s in sizes
         ]
 
