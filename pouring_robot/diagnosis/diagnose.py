@@ -255,7 +255,7 @@ class _Work:
         self.say("asking whether what is left has structure", 0, 0)
         diagnoser = found.diagnoser
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
-        misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis)
+        misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
         free, rate = _free_residuals(before, rows), diagnoser.thresholds.false_names
         with forked(lambda: disagreements(free, rows.conditions, rate)) as located:
             judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
@@ -344,7 +344,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
     )
 
 
-def _unsettled(after: LinearState, hypothesis: Hypothesis) -> str:
+def _unsettled(after: LinearState, hypothesis: Hypothesis, thresholds: Thresholds) -> str:
     """Return that causes, put into the robot, do not do what they were found for, in words; "" where they do.
 
     So large that what is linear of them tells nothing, they are where the search gave up, and nothing that is at work.
@@ -352,7 +352,7 @@ def _unsettled(after: LinearState, hypothesis: Hypothesis) -> str:
     beside = [hypothesis.part(k) for k in hypothesis.unnamed]
     left = hypothesis.problem.nuisance.cleared(after.linear.residual)
     foretold = hypothesis.remainder + sum(beside, np.zeros(left.size))
-    if len(beside) == len(hypothesis.items) or rms(left - foretold) < DEFAULT_THRESHOLDS.structure_size:
+    if len(beside) == len(hypothesis.items) or rms(left - foretold) < thresholds.structure_size:
         return ""
     sizes = f"{rms(left):.1f} times the noise, where {rms(foretold):.1f} times was foretold"
     return f"what was found leaves, put into the robot and closed exactly, {sizes}: it is too large to be believed"

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from scipy.special import expit, logsumexp, softmax
 
+from pouring_robot.inference.alternatives import alternatives, instead_of_workmanship, rivals
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.priors import log_prior_odds, share_in_the_library
+from pouring_robot.inference.priors import log_prior_odds
 from pouring_robot.inference.processes import Process
-from pouring_robot.inference.search import credible
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.mechanism.arrays import rms
 
@@ -23,8 +23,6 @@ Varied = Callable[[str], Iterable[Process]]
 """Gives the processes by which the size of an effect that is at work may vary, by its id."""
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 _MOST_PARTS = 3
-_CLOSE = 12.0
-"""How far behind in evidence (nats), the least that they may be, alternatives are no more."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class Cause:
     # root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations
     size: float
     exact: bool = False  # whether its form is all that nature can do: places and axes of rigid joints are
+    margins: Mapping[str, float] = field(default_factory=dict)  # of its close rivals, as :func:`~.alternatives.rivals`
 
 
 @dataclass(frozen=True)
@@ -258,21 +257,13 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     indices = hypothesis.of_effect(effect)
     main = max(indices, key=hypothesis.squared_size)
     evidence = _evidence(hypothesis, indices)
-    rivals = _rivals(hypothesis, indices)
-    total = float(logsumexp([0.0, *rivals.values()]))
-    likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.false_names}
-    squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
-    forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
-    alike = [item for item in forms if squared - hypothesis.explained_by(item, indices) < thresholds.hidden]
-    # Terms of a series add up to any course, but only if each of many is as large as that takes: no tie.
-    fewest = functools.partial(hypothesis.evidence_of_fewest, indices, thresholds.hidden)
-    same = {e.effect for e in alike if not e.series or fewest(e) > fewest() - _CLOSE}
-    probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-total))
-    size = float(np.sqrt(squared / max(len(hypothesis.problem.residual), 1)))
+    margins = rivals(hypothesis, indices, thresholds)
+    probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-logsumexp([0.0, *margins.values()])))
+    size = float(np.sqrt(hypothesis.squared_size(*indices) / max(len(hypothesis.problem.residual), 1)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
-    form, others = hypothesis.items[main].form, tuple(sorted(likely | same))
-    return Cause(effect, form, indices, others, probability, evidence, size, exact)
+    form, others = hypothesis.items[main].form, alternatives(hypothesis, indices, margins, thresholds)
+    return Cause(effect, form, indices, others, probability, evidence, size, exact, margins)
 
 
 def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
@@ -283,26 +274,11 @@ def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
     """Return the probability that a part worth E nats is neither noise nor of something unknown.
 
-    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library: :func:`~.priors.share_in_the_library` and
-    :func:`~.priors.log_prior_odds`.
+    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library. Whether what looks like an effect is one that the
+    library holds no data of one campaign tell: that it is not counts with the accepted rate of false names.
     """
     odds = evidence + log_prior_odds(len(hypothesis.problem.known))
-    return share_in_the_library(thresholds.false_names) * float(expit(odds))
-
-
-def _rivals(hypothesis: Hypothesis, indices: Sequence[int]) -> dict[str, float]:
-    """Return by how much other effects in the place of one change the log evidence, best form of each, in nats.
-
-    A form counts only as long as it is the effect it is called: where the best one is bent, the next is tried.
-    """
-    own, bare, rest = hypothesis.worth(indices), hypothesis.without(indices), hypothesis.without_items(indices)
-    found: dict[str, float] = {}
-    for worth, item in bare.contenders(hypothesis.rivals):
-        if worth.evidence > own - _CLOSE and item.effect not in found:
-            other = rest.with_item(item, worth.scale)
-            if credible(other, len(other.items) - 1):
-                found[item.effect] = other.log_evidence - hypothesis.log_evidence
-    return found
+    return (1.0 - thresholds.false_names) * float(expit(odds))
 
 
 def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
@@ -321,30 +297,13 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
         # It takes several kinds: the one that does most is named, the others are there as they usually are.
         kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
         rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
-        return [_small(hypothesis, kind, rest, _instead(hypothesis, kind, thresholds), thresholds)]
+        return [_small(hypothesis, kind, rest, instead_of_workmanship(hypothesis, kind, thresholds), thresholds)]
     likely = alone[best].log_evidence + np.log(thresholds.false_names)
     names = {k: hypothesis.problem.workmanship[k].effect for k in kinds if k != best}
     close = {name: alone[k].log_evidence for k, name in names.items() if alone[k].log_evidence > likely}
-    return [_small(alone[best], best, without, close | _instead(hypothesis, best, thresholds), thresholds)]
-
-
-def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> dict[str, float]:
-    """Return the effects that explain as well what workmanship does, most of it by themselves.
-
-    With the log evidence of each, and that it is as seldom as noise looks like any effect (:func:`_probability`), where
-    every machine has some workmanship.
-    """
-    workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
-    bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
-    likely = hypothesis.log_evidence + np.log(thresholds.false_names)
-    found, seldom = dict[str, float](), log_prior_odds(len(hypothesis.problem.known))
-    for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
-        if worth.evidence > 0.0:
-            other = bare.with_item(item, worth.scale)
-            index = len(other.items) - 1
-            if other.log_evidence > likely and 4.0 * other.squared_size(index) > own @ own:
-                found[effect] = other.log_evidence + seldom
-    return found
+    return [
+        _small(alone[best], best, without, close | instead_of_workmanship(hypothesis, best, thresholds), thresholds)
+    ]
 
 
 def _small(

@@ -53,14 +53,6 @@ def log_priors_of_forms(effects: Sequence[str]) -> dict[str, float]:
     return {effect: -float(np.log(effects.count(effect))) for effect in effects}
 
 
-def share_in_the_library(false_names: float) -> float:
-    """Return the probability that what looks like an effect is one that the library holds, not something it lacks.
-
-    Of that no data of one campaign tell: it counts with the accepted rate of false names.
-    """
-    return 1.0 - false_names
-
-
 def log_prior_odds(effects: int) -> float:
     """Return the log odds of one of so many effects against noise: each is as likely as noise is to look like any."""
     return -float(np.log(effects))

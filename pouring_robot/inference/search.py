@@ -87,30 +87,30 @@ def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
     return current
 
 
-def cancelled(hypothesis: Hypothesis, gap_squared: float, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[int]:
+def cancelled(hypothesis: Hypothesis, gap_squared: float, thresholds: Thresholds) -> list[int]:
     """Return the causes, by index, whose parts are so much larger than a gap that others undo them."""
     most = thresholds.most_cancelled**2 * gap_squared
     return [k for k, item in enumerate(hypothesis.items) if item.cause and hypothesis.squared_size(k) > most]
 
 
-def credible(hypothesis: Hypothesis, index: int, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
+def credible(hypothesis: Hypothesis, index: int, thresholds: Thresholds) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
     return hypothesis.main_share(index) >= thresholds.least_main_share
 
 
-def impossible(hypothesis: Hypothesis, index: int, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> bool:
+def impossible(hypothesis: Hypothesis, index: int, thresholds: Thresholds) -> bool:
     """Return whether only what nature allows keeps an item from being the effect it is called."""
     share = hypothesis.main_share(index, bounded=False)
     return share >= thresholds.least_main_share and not credible(hypothesis, index, thresholds)
 
 
-def impossible_effects(hypothesis: Hypothesis) -> tuple[str, ...]:
+def impossible_effects(hypothesis: Hypothesis, thresholds: Thresholds) -> tuple[str, ...]:
     """Return the effects that are refused because they would have to be where nature does not allow them."""
     found = []
     for item in hypothesis.problem.explanations:
         if item.key in hypothesis.barred and item.bounds is not None and item.effect not in hypothesis.effects:
             other = hypothesis.with_item(item, hypothesis.candidate_bayes_factor(item).scale)
-            if impossible(other, len(hypothesis.items)):
+            if impossible(other, len(hypothesis.items), thresholds):
                 found.append(item.effect)
     return tuple(dict.fromkeys(found))
 

@@ -14,13 +14,12 @@ from scipy.optimize import brentq
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm
 
+from pouring_robot.inference.alternatives import instead_of_workmanship, rivals
 from pouring_robot.inference.decision import (
     Cause,
     Judgement,
     _above,
     _cause,
-    _instead,
-    _rivals,
     judge,
     without_minor,
     workmanship_cause,
@@ -284,14 +283,14 @@ def test_rivals_are_tried_as_long_as_they_are_close(behind, tried):
     nearly = amplitude_worth(worth(SURE) - behind)
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, nearly / SURE))]
     expected = {"b": pytest.approx(-behind)} if tried else {}
-    assert _rivals(fitted({0: SURE}, items), (0,)) == expected
+    assert rivals(fitted({0: SURE}, items), (0,), Thresholds()) == expected
 
 
 def test_a_rival_counts_with_its_best_form():
     nearly = amplitude_worth(worth(SURE) - 1.0)
     forms = [explanation("b", tilted(0, 1, nearly / SURE), "worse"), explanation("b", axis(0), "better")]
     for order in (forms, forms[::-1]):
-        found = _rivals(fitted({0: SURE}, [explanation("a", axis(0)), *order]), (0,))
+        found = rivals(fitted({0: SURE}, [explanation("a", axis(0)), *order]), (0,), Thresholds())
         assert found == {"b": pytest.approx(-np.log(2.0))}
 
 
@@ -301,17 +300,17 @@ def test_a_bent_form_is_no_rival_whatever_else_is_bent(beside):
     nearly = amplitude_worth(worth(SURE) - 4.0)
     bent = np.array([True, False])
     others = [Explanation(f"c{k}", "plain", axis(10 + k, 20 + k), bent) for k in range(beside)]
-    rivals = [
+    forms = [
         Explanation("b", "bent", axis(1, 0), bent),
         explanation("b", tilted(0, 2, nearly / SURE), "straight"),
         Explanation("d", "bent", axis(1, 0), bent),
     ]
     amplitudes = {0: SURE, 1: 0.1} | {20 + k: 8.0 for k in range(beside)} | {10 + k: 0.1 for k in range(beside)}
-    hypothesis = fitted(amplitudes, [*others, explanation("a", axis(0)), *rivals], beside + 1)
+    hypothesis = fitted(amplitudes, [*others, explanation("a", axis(0)), *forms], beside + 1)
     without = hypothesis.without((beside,))
-    forms = {item.key: found.evidence for found, item in without.contenders({"b"})}
-    assert forms["b", "bent"] > forms["b", "straight"]  # else nothing would be refused
-    assert _rivals(hypothesis, (beside,)) == {"b": pytest.approx(-4.0 - np.log(2.0), abs=1e-6)}
+    evidences = {item.key: found.evidence for found, item in without.contenders({"b"})}
+    assert evidences["b", "bent"] > evidences["b", "straight"]  # else nothing would be refused
+    assert rivals(hypothesis, (beside,), Thresholds()) == {"b": pytest.approx(-4.0 - np.log(2.0), abs=1e-6)}
 
 
 def sized(small, large):
@@ -664,7 +663,7 @@ def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
     ratio = np.exp(averaged(values, axis(*BLOCK)) - told(values, workmanship, (4,)))
     for factor, likely in EITHER_SIDE:
         limits = Thresholds(false_names=factor * ratio)
-        assert [*_instead(hypothesis, 0, limits)] == (["twin"] if likely else [])
+        assert [*instead_of_workmanship(hypothesis, 0, limits)] == (["twin"] if likely else [])
         found = workmanship_cause(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
         odds = np.exp(averaged(values, axis(*BLOCK)) - best_told(values, workmanship, 0)) / 3.0  # one of three effects
@@ -681,7 +680,7 @@ def test_an_alternative_to_small_errors_does_at_least_half_of_what_they_do(facto
     amplitude = brentq(lambda a: share(a) ** 2 - 0.25 * factor**2 * 8.0 * part**2, 1.5, 9.0)
     items = [explanation("b", axis(40))]
     hypothesis = at_levels(spread(1.9) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
-    assert (*_instead(hypothesis, 0, Thresholds()),) == found
+    assert (*instead_of_workmanship(hypothesis, 0, Thresholds()),) == found
 
 
 @pytest.mark.parametrize(("evidence", "found"), [(-0.1, ()), (0.1, ("b",)), (0.9, ("b",))])
@@ -689,7 +688,7 @@ def test_an_alternative_to_small_errors_is_worth_something(evidence, found):
     amplitude = amplitude_worth(evidence)
     items = [explanation("b", axis(40))]
     hypothesis = at_levels(spread(0.3) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
-    assert (*_instead(hypothesis, 0, Thresholds()),) == found
+    assert (*instead_of_workmanship(hypothesis, 0, Thresholds()),) == found
 
 
 def test_small_errors_are_named_where_they_may_be():

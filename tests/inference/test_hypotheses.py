@@ -12,6 +12,7 @@ from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
 from pouring_robot.inference.search import impossible_effects, search
+from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import explanation, library, log_density, planted, problem
 
 TWO_PI = np.log(2.0 * np.pi)
@@ -162,7 +163,7 @@ def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
     assert found.main_share(0) == pytest.approx(share, abs=0.02)
     assert found.main_share(0, bounded=False) == pytest.approx(1.0, abs=0.01)
     alone = search(problem(residual, [item]))
-    assert (alone.effects, impossible_effects(alone)) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
+    assert (alone.effects, impossible_effects(alone, Thresholds())) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
 
 
 def test_settling_finds_the_best_scales_and_levels(rng):

@@ -59,7 +59,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     if workmanship and not diagnosis.mostly_workmanship:
         lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
     lines += [*_minor_lines(diagnosis), *_soft_lines(diagnosis), *_alike_lines(diagnosis)]
-    refused = impossible_effects(diagnosis.hypothesis)
+    refused = impossible_effects(diagnosis.hypothesis, diagnosis.judgement.thresholds)
     if refused:
         lines.append(
             f"{', '.join(refused)} would explain something, but only with values that nature does not allow: check the "

@@ -304,9 +304,13 @@ def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
 
 
 def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
-    """Return by how much log evidence drops with another effect in the place of a cause, best form of each, in nats."""
+    """Return by how much log evidence drops with another effect in the place of a cause, best form of each, in nats.
+
+    What comes close is as it was judged; what does not, as it is at first sight, all else held.
+    """
     own, best = hypothesis.worth(cause.indices), hypothesis.without(cause.indices).best_forms(hypothesis.rivals)
-    return {effect: own - worth.evidence for effect, (worth, _) in best.items()}
+    judged = {effect: -margin for effect, margin in cause.margins.items()}
+    return {effect: own - worth.evidence for effect, (worth, _) in best.items()} | judged
 
 
 def _discrepancy(diagnosis: Conclusions) -> str:
