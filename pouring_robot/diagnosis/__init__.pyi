@@ -1,3 +1,3 @@
 from .diagnose import Diagnosis as Diagnosis
 from .diagnose import DiagnosisOptions as DiagnosisOptions
-from .suggest.suggest import suggest_measurements as suggest_measurements
+from .suggest.next_measurements import suggest_measurements as suggest_measurements

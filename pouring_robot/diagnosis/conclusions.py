@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundParameter
 from pouring_robot.diagnosis.remainder import Remainder
-from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
+from pouring_robot.diagnosis.suggest.next_measurements import Suggestion, suggest_measurements
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.mechanism.arrays import FloatArray

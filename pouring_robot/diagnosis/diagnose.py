@@ -22,6 +22,7 @@ from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.diagnosis.suggest.next_measurements import USUAL_COUNT
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.available import chosen_effects
@@ -67,7 +68,7 @@ class DiagnosisOptions:
     hold_out: HoldOut = "auto"  # kind of block that takes no part
     # rate of false names that is accepted where nothing is missing; what evidence a name needs follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
-    next_count: int = 10  # how many measurements to suggest
+    next_count: int = USUAL_COUNT  # how many measurements to suggest
     # standard deviation that places of joints, in mm, and directions of their axes, in mrad, are known not to exceed,
     # of a machine in which nothing is wrong; None: it is found
     made_within: float | None = None

@@ -25,14 +25,14 @@ from unittest.mock import patch
 import numpy as np
 
 from pouring_robot.diagnosis.diagnose import Diagnosis, diagnose
-from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
+from pouring_robot.diagnosis.suggest.next_measurements import Suggestion, suggest_measurements
 from pouring_robot.inference.discrimination import Choice, Prediction
 from pouring_robot.io.threads import one_blas_thread
 from tests.diagnosis.remeasured import Machine
 from tests.rig.campaign import CONFOUNDED
 from tests.rig.effects import FORMS
 
-_SUGGEST = import_module("pouring_robot.diagnosis.suggest.suggest")
+_SUGGEST = import_module("pouring_robot.diagnosis.suggest.next_measurements")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
-from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.diagnosis.suggest.next_measurements import SuggestedMeasurement
 from tests.rig import Campaign, write_case
 from tests.rig.campaign import cells_of, frames_of, settings_of
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, TARE_KG, Scene, plan

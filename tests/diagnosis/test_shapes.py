@@ -6,7 +6,8 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.discrepancy_processes import varied
-from pouring_robot.diagnosis.report.plots import plots, shape_of
+from pouring_robot.diagnosis.learned_shape import shape_of
+from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.inference.processes import Channel, sums_of
 from tests.rig import Wanted, make_campaign, write_case
 

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.sentences import next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
-from pouring_robot.diagnosis.suggest.suggest import (
+from pouring_robot.diagnosis.suggest.next_measurements import (
     RANDOM_SETS,
     SuggestedMeasurement,
     Suggestion,

@@ -36,7 +36,7 @@ from pouring_robot.diagnosis.report.sentences import (
     sure_text,
     untestable_lines,
 )
-from pouring_robot.diagnosis.suggest.suggest import Separation
+from pouring_robot.diagnosis.suggest.next_measurements import Separation
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.facts import sources

@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.report.sentences import (
     sections,
     worse_sentence,
 )
-from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.diagnosis.suggest.next_measurements import SuggestedMeasurement
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.io.units import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,16 +11,14 @@ from scipy.special import ndtri
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnoser import State
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
-from pouring_robot.diagnosis.named_effects import NamedEffect
-from pouring_robot.effects.base import Effect, EffectParameter, channel
+from pouring_robot.diagnosis.learned_shape import Shape, shape_of
+from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.facts import Axis, axis_over, of_drives
-from pouring_robot.estimation.changes import SCALE
+from pouring_robot.effects.facts import axis_over
 from pouring_robot.estimation.kinds import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.processes import variances_of
-from pouring_robot.io.units import MM, shown_in
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
@@ -179,70 +177,6 @@ def _signatures(diagnosis: Conclusions) -> str:
             side.grid(alpha=0.2)
             side.legend(fontsize=8, loc="best")
     return svg_of(figure)
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """What an effect does to one local parameter in each row."""
-
-    channel: str  # name of the local parameter
-    unit: str  # that the figures count in
-    axis: Axis  # what drives the effect
-    learned: FloatArray  # with all that shapes it, (n,)
-    std: FloatArray  # standard deviation of that, (n,)
-    textbook: FloatArray  # by its main parameters alone, (n,)
-
-
-def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
-    """Return what an effect moves most; None where no more than chance shapes it: it is the textbook's."""
-    parameters = [found.parameter for found in effect.parameters]
-    if all(p.main for p in parameters) or not effect.cause.indices:
-        return None
-    values = np.array([found.value for found in effect.parameters])
-    # What one unit of each parameter does to a local parameter, (n, p).
-    moves = {
-        name: np.column_stack(np.broadcast_arrays(*(p.changes.get(name, 0.0) for p in parameters)))
-        for name in dict.fromkeys(name for p in parameters for name in p.changes)
-    }
-    most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
-    main = np.array([p.main for p in parameters])
-    std = np.sqrt(variances_of(moves[most], _covariance(diagnosis, effect, parameters)))
-    learned, textbook = moves[most] @ values, moves[most] @ (main * values)
-    if np.square(learned - textbook).mean() <= np.square(std).mean():
-        return None
-    unit, factor = _unit(diagnosis, most)
-    axis = _driving_axis(diagnosis, effect, most)
-    return Shape(most, unit, axis, learned / factor, std / factor, textbook / factor)
-
-
-def _covariance(diagnosis: Conclusions, effect: NamedEffect, parameters: list[EffectParameter]) -> FloatArray:
-    """Return that of an effect's parameters, in their units, (p, p)."""
-    hypothesis = diagnosis.hypothesis
-    spans = hypothesis.spans[-len(hypothesis.items) :]  # workmanship stands before items
-    own = np.r_[*(spans[k] for k in effect.cause.indices)]
-    units = np.concatenate(hypothesis.weights())[own] * np.array([p.prior_std for p in parameters])
-    covariance = hypothesis.coefficients()[1]
-    return np.asarray(units[:, None] * covariance[own[:, None], own] * units)
-
-
-def _driving_axis(diagnosis: Conclusions, effect: NamedEffect, name: str) -> Axis:
-    """Return what drives an effect: the drive's own value where drives' values do."""
-    given = diagnosis.rows.conditions
-    known = diagnosis.diagnoser.library.effects[effect.cause.effect]
-    drives = [channel(drive) for drive in given.robot.drives]
-    if name in drives and known.driver in of_drives(given.robot):
-        drive = given.robot.drives[drives.index(name)]
-        return Axis(f"{drive.words} [{drive.unit}]", given.drives[:, drives.index(name)])
-    return known.axis(given)
-
-
-def _unit(diagnosis: Conclusions, name: str) -> tuple[str, float]:
-    """Return the unit that a local parameter is shown in, and its size in SI units."""
-    if name == SCALE:
-        return "1e-6", 1e-6
-    turns = {channel(drive): drive.unit == "rad" for drive in diagnosis.rows.conditions.robot.drives}
-    turning = turns.get(name, name.rpartition(".")[2].startswith("r"))
-    return shown_in("rad" if turning else "m")
 
 
 def _shape_panel(axes: Any, shape: Shape) -> None:

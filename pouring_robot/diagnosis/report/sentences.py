@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.held_out import FEWEST_VALUES
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
-from pouring_robot.diagnosis.suggest.suggest import LITTLE_NATS, NO_POSE
+from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, unit_of

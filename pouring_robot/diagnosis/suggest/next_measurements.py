@@ -25,7 +25,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 
-MOST = 10
+USUAL_COUNT = 10
 RANDOM_SETS = 50
 LITTLE_NATS = 3.0
 """Measurements that tell less tell little: odds of 20."""
@@ -169,7 +169,7 @@ class Suggestion:
 
 
 @one_blas_thread()
-def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) -> Suggestion:
+def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: int = 0) -> Suggestion:
     """Return up to ``count`` measurements that best separate the surviving explanations of a campaign.
 
     They are chosen among poses within reach and conditions that the campaign records, after what the frames of a newly
