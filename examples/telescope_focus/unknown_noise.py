@@ -15,8 +15,8 @@ from scipy.special import logsumexp
 
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.processes import Process, columns_of
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import Thresholds

@@ -18,7 +18,7 @@ from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.held_out import InTurn, few, held_out, held_out_in_turn
-from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
@@ -35,9 +35,9 @@ from pouring_robot.estimation.splits import HoldOut, Split
 from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.explanations import Nuisance
 from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import sums_of
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.forked import forked

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
-from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.stack import local_changes
@@ -16,8 +16,8 @@ from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level

@@ -22,7 +22,7 @@ from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.estimation.splits import KNOWN, HoldOut, Split, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.explanations import Problem
+from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM

@@ -61,7 +61,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
         yield CauseEntry(cause, "scale", slide, {**own, **_LEAD}) if lead else CauseEntry(cause, "ratio", turn, own)
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"
     for _, cause, own in _each(slides, "drive_periodic"):
-        yield CauseEntry(cause, "periodic", story, {**own, "sizes": (1.0, 0.25, 0.1), "period": "pitch"})
+        yield CauseEntry(cause, "periodic", story, {**own, "period": "pitch"})
     story = (
         "each joint errs by a periodic function of its own angle; encoder, gear and transmission do the same to a pose "
         "and cannot be told apart by it"

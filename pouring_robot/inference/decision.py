@@ -12,9 +12,9 @@ from scipy.special import expit, logsumexp, softmax
 
 from pouring_robot.inference.alternatives import alternatives, instead_of_workmanship, rivals
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import log_prior_odds
+from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.mechanism.arrays import rms

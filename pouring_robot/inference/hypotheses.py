@@ -22,8 +22,8 @@ from pouring_robot.inference.evidence import (
     most_evidence,
     most_within,
 )
-from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.inference.priors import LIKELY_LEVEL, WORKMANSHIP_LEVELS, coarsest_level, log_prior_of_levels
+from pouring_robot.inference.problem import Explanation, Problem, Workmanship
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _SWEEPS = 3

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 _BRANCHES = 3

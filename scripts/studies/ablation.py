@@ -27,8 +27,8 @@ import numpy as np
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import diagnoser
 from pouring_robot.diagnosis.discrepancy_processes import processes_of
-from pouring_robot.diagnosis.problem import known_effects
-from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, priors, search
+from pouring_robot.diagnosis.library import known_effects
+from pouring_robot.inference import decision, discrepancy, evidence, hypotheses, priors, problem, search
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds
 from scripts.benchmarks.blind_metrics import failures
@@ -45,8 +45,8 @@ def _put(owner: object, name: str, value: object) -> None:
 
 
 def _no_workmanship() -> None:
-    build = explanations.Problem.build
-    _put(explanations.Problem, "build", lambda residual, free, _, items: build(residual, free, (), items))
+    build = problem.Problem.build
+    _put(problem.Problem, "build", lambda residual, free, _, items: build(residual, free, (), items))
 
 
 def _no_softness() -> None:
@@ -81,7 +81,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     "amplitudes averaged over": lambda: _put(evidence, "LOG_SCALES", np.zeros(1)),
     "a scale of its own for what shapes": lambda: _put(evidence, "SHAPINGS", np.ones(1)),
     "forms share a prior": lambda: _put(
-        explanations.Problem,
+        problem.Problem,
         "log_priors",
         property(lambda self: dict.fromkeys((i.effect for i in self.explanations), 0.0)),
     ),

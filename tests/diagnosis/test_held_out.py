@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.diagnosis.held_out import few, held_out_in_turn
 from pouring_robot.diagnosis.rows import LinearRows
-from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 
 ROWS, SIGMA, SLOPE = 30, 1e-3, 40.0

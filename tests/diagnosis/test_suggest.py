@@ -10,7 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.diagnoser import Diagnoser
-from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.sentences import next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates

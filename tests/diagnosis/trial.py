@@ -15,7 +15,7 @@ from typing import Any
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.exceptions import PouringRobotError
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from tests.rig import Campaign, write_case
 
 STRONG = 3.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.rows import Signatures, local_parameters
 from pouring_robot.effects import Effect, EffectParameter, Form
 from pouring_robot.effects.base import checked_forms

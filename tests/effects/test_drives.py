@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.library import Library
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.families.drives import Periodic
 from pouring_robot.effects.made_up import bare_conditions

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from pouring_robot.inference.evidence import Beside, Gram
-from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.problem import Explanation, Problem
 
 ROWS = 60
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import binom
 
 from pouring_robot.inference.evidence import bayes_factor, evidences
-from pouring_robot.inference.explanations import Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
+from pouring_robot.inference.problem import Workmanship
 from pouring_robot.inference.thresholds import Thresholds, chance_level
 from tests.inference.problems import ROWS, explanation, library, problem
 

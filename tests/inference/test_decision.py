@@ -26,9 +26,9 @@ from pouring_robot.inference.decision import (
 )
 from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
+from pouring_robot.inference.problem import Explanation, Workmanship
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, log_density, problem

@@ -7,9 +7,9 @@ from scipy.stats import multivariate_normal
 
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.processes import Channel, Part, Process, columns_of, sums_of
 from tests.inference.problems import explanation, problem
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.special import logsumexp
 
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
+from pouring_robot.inference.problem import Explanation, Workmanship
 from pouring_robot.inference.search import impossible_effects, search
 from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import explanation, library, log_density, planted, problem

@@ -7,8 +7,8 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import WORKMANSHIP_FORM, Explanation, Workmanship
 from pouring_robot.inference.search import backward, reconsidered, search
 from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, library, planted, problem

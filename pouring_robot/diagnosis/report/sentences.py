@@ -19,7 +19,7 @@ from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, unit_of
 from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM
+from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.robot.description.cause_types import AxisTilt

@@ -19,12 +19,12 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.discrepancy_processes import processes_of
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
+from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.explanations import Explanation, Nuisance, Problem, Workmanship
+from pouring_robot.inference.problem import Explanation, Nuisance, Problem, Workmanship
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import reference_degC

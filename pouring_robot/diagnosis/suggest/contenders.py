@@ -11,8 +11,8 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Explanation
 from pouring_robot.inference.processes import CHANCE
 
 MOST_RIVALS = 3

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import scipy.special
 
-from pouring_robot.estimation.kinds import are
+from pouring_robot.estimation.kinds import are, kinds_of
 from pouring_robot.estimation.noise import LEAST_NOISE
-from pouring_robot.inference.explanations import Nuisance
+from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
@@ -50,12 +50,14 @@ class FreeResiduals:
         return are("rotation", self.component)
 
     def scaled(self, left: FloatArray) -> FreeResiduals:
-        """Return the same with the root mean square of what is left, (m,), of positions and rotations, for noise.
+        """Return the same with the root mean square of what is left, (m,), of each kind of reading, for noise.
 
         At least :data:`LEAST_NOISE`: what the frames explain exactly, one rotation say, leaves rounding and no noise.
         """
-        placed, turned = rms(left[~self.turning]), rms(left[self.turning])
-        factor = np.maximum(np.where(self.turning, turned, placed), LEAST_NOISE / self.sigma)
+        factor = LEAST_NOISE / self.sigma
+        for kind in kinds_of(self.component):
+            own = are(kind, self.component)
+            factor[own] = np.maximum(factor[own], rms(left[own]))
         return replace(
             self,
             residual=self.residual / factor,

@@ -153,7 +153,7 @@ def _told(found: FloatArray, unit: str) -> str:
 class Periodic(Family):
     """Error of drives that is periodic in their own position."""
 
-    sizes: Sequence[float]  # usual size of each order over the first
+    sizes: Sequence[float] = (1.0, 0.25, 0.1)  # usual size of each order over the first; by default of a screw
     # ``turn`` of the joint; ``pitch``: what a turn of the motor moves a sliding drive, by the robot file or the
     # campaign's screw pitch; or ``screw_pitch_m``: the campaign's
     period: str = "turn"

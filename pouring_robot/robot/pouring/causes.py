@@ -38,7 +38,7 @@ CAUSES = Causes(
             "drive_cyclic",
             "periodic",
             "the screws run out of true: an error that returns with every turn",
-            {"drives": _LEGS, "sizes": (1.0, 0.25, 0.1), "period": "screw_pitch_m"},
+            {"drives": _LEGS, "period": "screw_pitch_m"},
         ),
         CauseEntry(
             "drive_backlash",

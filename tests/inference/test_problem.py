@@ -5,8 +5,8 @@ import pytest
 
 from pouring_robot.inference import evidence
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Problem, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Problem, Workmanship
 from pouring_robot.inference.search import search
 from tests.inference.problems import ROWS, explanation, library, log_density, planted, problem
 

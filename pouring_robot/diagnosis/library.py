@@ -11,7 +11,7 @@ import numpy as np
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, Signatures
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
-from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Workmanship
+from pouring_robot.inference.problem import WORKMANSHIP_FORM, Explanation, Workmanship
 
 SOFTNESS = "background_softness"
 """What is called no effect but fitted: see :func:`_softness`."""
