@@ -30,11 +30,10 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
     """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
-    1963), so that the number of processes tried over B is a p-value. A noise that is not known is at first all that
-    the frames leave, then what the processes leave, with what differs from row to row by chance: by a smaller one
-    everything would, and nothing else be seen for it.
+    1963), so that the number of processes tried over B is a p-value. A noise that is not known is given as all
+    that the frames leave; then it is what the processes leave, with what differs from row to row by chance: by a
+    smaller one everything would, and nothing else be seen for it.
     """
-    data = data if data.noise_known else data.scaled(data.cleared)
     for turn in itertools.count(1):
         places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
         # Time says more than the order of the rows, and the same.

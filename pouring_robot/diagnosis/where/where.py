@@ -77,7 +77,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
     # How much first, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != "region"),
-        *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
+        *(dependence(scaled, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
         *[f for f in general if f.what == "region"][:1],
     )
     of_both_halves = tuple(f if f.p_value is None else replace(f, p_value=min(2.0 * f.p_value, 1.0)) for f in findings)
