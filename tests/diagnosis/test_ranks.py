@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pouring_robot.diagnosis.where.misfit import larger, rank_correlation, ranks
+from pouring_robot.diagnosis.where.ranks import larger, rank_correlation, ranks
 
 
 @pytest.mark.parametrize("tied", [False, True])
