@@ -190,8 +190,8 @@ def test_no_gap_names_nothing(nothing):
 def test_causes_do_in_the_robot_what_they_were_found_for(hot):
     """The state that the diagnosis ends with leaves what is foretold; the given model leaves the whole gap."""
     ended = hot.diagnoser._state(hot.after.parameters, hot.after.values, hot.after.frames)
-    assert _unsettled(ended, hot.hypothesis) == ""
-    said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis)
+    assert _unsettled(ended, hot.hypothesis, Thresholds()) == ""
+    said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis, Thresholds())
     assert "too large to be believed" in said
     assert float(said.split(" times the noise")[0].split()[-1]) > 1.5
 
