@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
+from pouring_robot.mechanism.joint_types import unit_of
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
 
@@ -246,8 +247,7 @@ class ClosedChainMechanism:
 
     def unit_of(self, joint: str) -> Literal["m", "rad"]:
         """Return the unit of a one-freedom joint: a length or an angle."""
-        kind = self.shared_model.joints[self.joint_id(joint)].shortname()
-        return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
+        return unit_of(self.shared_model.joints[self.joint_id(joint)])
 
     def placement_on_end(self, frame: str) -> pin.SE3:
         """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.

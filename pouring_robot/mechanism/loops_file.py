@@ -15,13 +15,9 @@ from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.joint_types import JointKind
 
 LoopKind = Literal["6d", "3d"]
-JointKind = Literal[
-    "fixed", "spherical", "universal_xy", "universal_xz", "universal_yx", "universal_yz", "universal_zx", "universal_zy"
-]
-"""What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
-joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
 
 # Legs of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
 # sqrt(k_rot / k_trans), here 0.03 m, is at most 0.1 m.

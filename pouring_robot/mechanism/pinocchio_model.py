@@ -1,12 +1,10 @@
-"""Pinocchio's model of a URDF: joints that are not what it says, the parser's words, and joints displaced in the model.
+"""Pinocchio's model of a URDF: joints tied to another by ``mimic``, the parser's words, joints displaced in the model.
 
-Joints may be released, fixed, universal, spherical, or tied to another by ``mimic``. A xacro becomes a URDF before, in
-``robot/description/xacro_to_urdf.py``. Of ``joint_types`` what a URDF can say stands in the URDF of a robot already
-(``robot/description/definition.py``); ball joints, which it cannot say, are made here.
+A xacro becomes a URDF before, in ``robot/description/xacro_to_urdf.py``; joints that are not what the URDF says are
+made in :mod:`~pouring_robot.mechanism.joint_types`.
 """
 
 import contextlib
-import copy
 import functools
 import os
 import sys
@@ -21,72 +19,13 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
+from pouring_robot.mechanism.joint_types import NOT_IN_URDF, change_joints, make_spherical
 from pouring_robot.mechanism.loops_file import LoopsFile
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
-_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 # The parser writes to the process's standard error, of which there is one.
 _lock = threading.Lock()
-
-
-def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
-    """Return the URDF with joints of other kinds (``JointKind`` or ``floating``); a spherical one turns about one axis.
-
-    Raises UnknownJointError where the URDF has no such joint, etree.XMLSyntaxError where it is no XML.
-    """
-    root = etree.fromstring(urdf.encode())
-    found = {joint.get("name"): joint for joint in root.iterfind("joint")}
-    for name, kind in kinds.items():
-        if name not in found:
-            raise UnknownJointError(name, found)
-        joint = found[name]
-        for tied in joint.findall("mimic"):
-            joint.remove(tied)
-        if kind.startswith("universal"):
-            _split(joint, *kind[-2:])
-        else:
-            joint.set("type", "continuous" if kind == "spherical" else kind)
-    return str(etree.tostring(root, encoding="unicode"))
-
-
-def _split(joint: etree._Element, first: str, second: str) -> None:
-    """Turn a joint into two that turn about different axes, with a link of no mass between them."""
-    name, robot = str(joint.get("name")), joint.getparent()
-    between = f"{name}_{first.upper()}_link"
-    other = copy.deepcopy(joint)
-    for part, letter in ((joint, first), (other, second)):
-        part.set("name", f"{name}_{letter.upper()}")
-        part.set("type", "continuous")
-        axis = part.find("axis")
-        (etree.SubElement(part, "axis") if axis is None else axis).set("xyz", _AXES[letter])
-    joint.find("child").set("link", between)
-    other.find("parent").set("link", between)
-    for origin in other.findall("origin"):
-        other.remove(origin)
-    etree.SubElement(robot, "link", name=between)
-    robot.append(other)
-
-
-def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
-    """Return the model with the named joints made spherical; frames, masses and limits stay."""
-    made = pin.Model()
-    made.name, made.gravity = model.name, model.gravity
-    for j in range(1, model.njoints):
-        name, joint = str(model.names[j]), model.joints[j]
-        kind = pin.JointModelSpherical() if name in names else joint
-        new = made.addJoint(model.parents[j], kind, model.jointPlacements[j], name)
-        made.appendBodyToJoint(new, model.inertias[j], pin.SE3.Identity())
-        if name not in names:
-            own, old = made.joints[new], slice(joint.idx_q, joint.idx_q + joint.nq)
-            here = slice(own.idx_q, own.idx_q + own.nq)
-            made.lowerPositionLimit[here] = model.lowerPositionLimit[old]
-            made.upperPositionLimit[here] = model.upperPositionLimit[old]
-            said = model.upperEffortLimit[joint.idx_v : joint.idx_v + joint.nv]
-            made.upperEffortLimit[own.idx_v : own.idx_v + own.nv] = said
-    for frame in list(model.frames)[1:]:
-        made.addFrame(frame, False)
-    return made
 
 
 @dataclass(frozen=True)
@@ -147,7 +86,7 @@ def _tree_of(
         raise DescriptionError(f"URDF of {source}", f"not valid XML: {problem}") from problem
     except BadInputError as problem:
         raise DescriptionError(f"URDF of {source}", str(problem)) from problem
-    model, spherical = model_of(tree_urdf, source), {name for name, kind in changed.items() if kind == "spherical"}
+    model, spherical = model_of(tree_urdf, source), {name for name, kind in changed.items() if kind in NOT_IN_URDF}
     return tree_urdf, mimics, make_spherical(model, spherical) if spherical else model
 
 

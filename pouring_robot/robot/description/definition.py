@@ -31,8 +31,8 @@ from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.joint_types import BOUNDED, NOT_IN_URDF, change_joints
 from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
-from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drawing import Drawing, agreed
 from pouring_robot.robot.description.drive import Drive
@@ -91,8 +91,8 @@ class RobotDefinition:
         self.file, self.path = file, path
         loops = self._loops()
         # What URDF can say goes into the URDF, so that its joints can be displaced and exported like others.
-        self._kinds = {name: kind for name, kind in loops.joint_types.items() if kind != "spherical"}
-        left = {name: kind for name, kind in loops.joint_types.items() if kind == "spherical"}
+        left = {name: kind for name, kind in loops.joint_types.items() if kind in NOT_IN_URDF}
+        self._kinds = {name: kind for name, kind in loops.joint_types.items() if name not in left}
         self.loops = loops.model_copy(update={"joint_types": left})
         root = parsed(self.urdf(), self.source)
         check_sound(root, self.source)
@@ -162,7 +162,7 @@ class RobotDefinition:
         for joint in joints:
             name, (lower, upper) = str(joint.get("name")), limits_said(joint)
             value = self.file.home.get(name, lower)
-            bounded = lower < upper and joint.get("type") in ("revolute", "prismatic")
+            bounded = lower < upper and joint.get("type") in BOUNDED
             if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
                 beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
                 raise DescriptionError(self.path, beyond)

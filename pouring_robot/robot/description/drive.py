@@ -13,6 +13,7 @@ import numpy as np
 from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.joint_types import UNITS
 from pouring_robot.robot.description.robot_file import DriveEntry
 
 
@@ -36,18 +37,18 @@ class Drive:
         Raises DescriptionError where the entry's joint is none that drives, or has a ratio that is not its own.
         """
         kind = kinds.get(entry.joint)
-        if kind not in ("prismatic", "revolute", "continuous"):
+        if kind is None or kind not in UNITS:
             what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
             near = closest(entry.joint, kinds) if kind is None else ""
             raise DescriptionError(path, f"drive '{entry.joint}' {what}{near}")
-        turns, factor = kind != "prismatic", entry.ratio
+        unit, factor = UNITS[kind], entry.ratio
         if entry.mm_per_turn is not None:
-            if turns:
+            if unit == "rad":
                 raise DescriptionError(path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
             factor = entry.mm_per_turn * MM / (2.0 * math.pi)
         column = entry.column or entry.joint
-        command: Literal["length", "angle"] = "angle" if turns or entry.mm_per_turn is not None else "length"
-        return cls(entry.joint, column, "rad" if turns else "m", command, factor, entry.zero, column, column)
+        command: Literal["length", "angle"] = "length" if unit == "m" and entry.mm_per_turn is None else "angle"
+        return cls(entry.joint, column, unit, command, factor, entry.zero, column, column)
 
     @property
     def approach_column(self) -> str:

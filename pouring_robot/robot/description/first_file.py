@@ -16,6 +16,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.joint_types import BOUNDED, UNITS
 from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -23,7 +24,6 @@ from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import carriers, check_sound, limits_said, parsed, read_urdf
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
-_DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
 
 _TOGETHER = 1e-6  # m and rad
@@ -77,7 +77,7 @@ class _Tree:
     def homes(self) -> dict[str, float]:
         """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
         leading = {name: joint for name, joint in self.joints.items() if joint.find("mimic") is None}
-        bounded = {n: limits_said(j) for n, j in leading.items() if j.get("type") in ("revolute", "prismatic")}
+        bounded = {n: limits_said(j) for n, j in leading.items() if j.get("type") in BOUNDED}
         return {name: (low + up) / 2.0 for name, (low, up) in bounded.items() if not low <= 0.0 <= up}
 
     def degrees(self) -> dict[str, str]:
@@ -117,11 +117,11 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     path, closed = tree.moving(end), loops_beside(urdf)
     if closed is None:  # what floats or rolls below an arm is no drive: poses are seen from what it carries
         kinds = [tree.joints[name].get("type") for name in path]
-        path = path[max((k for k, kind in enumerate(kinds, start=1) if kind not in _DRIVABLE), default=0) :]
+        path = path[max((k for k, kind in enumerate(kinds, start=1) if kind not in UNITS), default=0) :]
     # What follows another joint is driven by that one, wherever it is: a telescope's is often a branch of its own.
     mimics = {n: str(mimic.get("joint")) for n, j in tree.joints.items() if (mimic := j.find("mimic")) is not None}
     led = dict.fromkeys(mimics.get(name, name) for name in path)
-    drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in _DRIVABLE]
+    drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in UNITS]
     if closed is not None:
         drives = list(load_loops(closed).drives) or drives
     if not drives:

@@ -7,7 +7,8 @@ import pydantic
 
 from pouring_robot.exceptions import closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
-from pouring_robot.mechanism.loops_file import JointKind, LoopSpec, LoopStiffness
+from pouring_robot.mechanism.joint_types import JointKind
+from pouring_robot.mechanism.loops_file import LoopSpec, LoopStiffness
 
 FORMAT = "pouring_robot/robot/1"
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")

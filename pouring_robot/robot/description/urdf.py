@@ -18,6 +18,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import read_text, write_together
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.joint_types import BOUNDED, UNITS
 from pouring_robot.robot.description.untrusted import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
@@ -146,15 +147,15 @@ def check_sound(root: etree._Element, source: Path | str) -> None:
 def _fault(part: etree._Element) -> str:
     if part.tag == "joint":
         kind, axis, (lower, upper) = part.get("type"), joint_axis(part), limits_said(part)
-        if kind in ("revolute", "continuous", "prismatic") and (axis.shape != (3,) or not axis.any()):
+        if kind in UNITS and (axis.shape != (3,) or not axis.any()):
             return "it has no direction; give its axis three numbers, not all zero"
         # One that says none is taken across z by all who move planar joints, though axes that nobody says are x.
         said = kind == "planar" and part.find("axis") is not None
         if said and (axis.shape != (3,) or axis[:2].any() or not axis[2]):
             return "its plane is taken across z; say axis 0 0 1, its origin so turned that z is normal to the plane"
-        if kind in ("revolute", "prismatic") and part.find("limit") is None:
+        if kind in BOUNDED and part.find("limit") is None:
             return "it has no limits; give it some, or the type 'continuous' where it turns without end"
-        if kind in ("revolute", "prismatic") and lower > upper:
+        if kind in BOUNDED and lower > upper:
             return f"limits {lower:g} to {upper:g} (m, rad); exchange them"
     mass = part.find("inertial/mass") if part.tag == "link" else None
     if mass is not None and not float(mass.get("value", "0")) >= 0.0:

@@ -13,6 +13,7 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.joint_types import EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import joint_axis, limits_said, origin_pose, robot_name
 from pouring_robot.robot.export.closed import ClosedRobot
@@ -189,7 +190,7 @@ def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
 
 def _joint(entry: Any, closed: ClosedRobot) -> Joint:
     name, kind = str(entry.get("name")), str(entry.get("type"))
-    if kind not in ("revolute", "continuous", "prismatic", "fixed"):
+    if kind not in EXPORTED:
         raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
