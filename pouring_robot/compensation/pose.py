@@ -235,11 +235,11 @@ def compensate(
             HeatedRobot(heated.robot).settle(wanted, search.close)
             state = held(search.drives)
         result = state.result
-        kinematics.refuse_beyond_limits(search.drives)
-        kinematics.refuse_beyond_limits(result.joint_values)
+        refuse_beyond(joint_reach(kinematics.mechanism, search.drives))
+        refuse_beyond(joint_reach(kinematics.mechanism, result.joint_values))
     except (ClosureError, CompensationError, SingularPoseError):
         # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
-        kinematics.refuse_beyond_limits(values)
+        refuse_beyond(joint_reach(kinematics.mechanism, values))
         raise
 
     def difference(closed: ClosureResult, name: str) -> PoseDifference:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
@@ -13,6 +14,14 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 ROUND_OFF = 1e-9
 """Joint values are known to this, in m or rad: shorter steps of closures and of Newton are round-off, if they no longer
 shrink. What stands beyond a limit by no more stands on it."""
+WRITTEN = 1e-6
+"""The same of values that somebody rounded and wrote down, in m or rad."""
+
+
+def in_limits(values: ArrayLike, lower: float, upper: float, slack: float = ROUND_OFF) -> BoolArray:
+    """Return where values stand within limits in their unit, same shape; up to ``slack`` beyond one is on it."""
+    given = np.asarray(values)
+    return np.asarray((given >= lower - slack) & (given <= upper + slack))
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,7 @@ class JointReach:
     @property
     def beyond(self) -> bool:
         """Whether it stands beyond a limit, and by more than round-off."""
-        return self.margin < -ROUND_OFF
+        return not in_limits(self.value, self.lower, self.upper)
 
 
 def _bounded(mechanism: ClosedChainMechanism, names: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -67,8 +76,7 @@ def within_limits(mechanism: ClosedChainMechanism, values: Mapping[str, FloatArr
     Without such joints it is one True for all.
     """
     bounded = _bounded(mechanism, values).items()
-    within = [(values[name] >= low - ROUND_OFF) & (values[name] <= high + ROUND_OFF) for name, (low, high) in bounded]
-    return np.asarray(np.all(within, axis=0))
+    return np.asarray(np.all([in_limits(values[name], *edges) for name, edges in bounded], axis=0))
 
 
 def refuse_beyond(reaches: Sequence[JointReach]) -> None:

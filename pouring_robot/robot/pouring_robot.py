@@ -21,7 +21,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
-from pouring_robot.mechanism.joint_limits import joint_reach
+from pouring_robot.mechanism.joint_limits import ROUND_OFF, joint_reach, refuse_beyond
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
@@ -70,7 +70,7 @@ class PouringRobot(Robot):
         """Close the robot as built for commanded drive values, and check its own joints against their limits."""
         result = self.actual_solver.solve(self.actual_drives(drives), start)
         # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
-        self.kinematics.refuse_beyond_limits(result.joint_values)
+        refuse_beyond(joint_reach(self.kinematics.mechanism, result.joint_values))
         return result
 
     @overload
@@ -187,7 +187,7 @@ class PouringRobot(Robot):
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
         (lower, upper), values = self.layout.box, np.array([*pose.position_m, pose.tilt_rad])
         outside = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
-        outside[outside < 1e-9] = 0.0  # a box limit typed in mm or degrees must not count as outside by round-off
+        outside[outside < ROUND_OFF] = 0.0  # a box limit typed in mm or degrees must not count as outside by round-off
         return outside[:3], float(outside[3])
 
     _task_rows = TASK_ROWS

@@ -31,6 +31,7 @@ from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.joint_limits import WRITTEN, in_limits
 from pouring_robot.mechanism.joint_types import BOUNDED, NOT_IN_URDF, change_joints
 from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.robot.description.command import CommandAxis, command_box
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from pouring_robot.robot.dh.table import DHTable
 
 _WORKSPACE_SAMPLES = 200
-_LIMIT_SLACK = 1e-6  # m or rad: a home that was rounded
 _DRAWN_FIT = 1e-4
 """How far a drawing's loops may be open, over its reach and in rad: drawings are written to a tenth of a mm a metre."""
 _MEASURED_FIT = 0.03
@@ -163,7 +163,7 @@ class RobotDefinition:
             name, (lower, upper) = str(joint.get("name")), limits_said(joint)
             value = self.file.home.get(name, lower)
             bounded = lower < upper and joint.get("type") in BOUNDED
-            if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
+            if bounded and not in_limits(value, lower, upper, WRITTEN):
                 beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
                 raise DescriptionError(self.path, beyond)
 

@@ -108,12 +108,8 @@ class FourUPUKinematics(Drawing):
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
         """Return the commanded drive values of a pose, in m and rad; raises UnreachablePoseError beyond limits."""
         values = self.joint_values(pose)
-        self.refuse_beyond_limits(values)
-        return {drive: values[drive] for drive in self.mechanism.loops.drives}
-
-    def refuse_beyond_limits(self, values: Mapping[str, float]) -> None:
-        """Check joint values (m, rad) against the robot's limits, as :func:`refuse_beyond`."""
         refuse_beyond(joint_reach(self.mechanism, values))
+        return {drive: values[drive] for drive in self.mechanism.loops.drives}
 
     def configuration(self, pose: PlatformPose) -> FloatArray:
         """Return the closed nominal configuration at a pose, joint limits aside; shape (nq,)."""

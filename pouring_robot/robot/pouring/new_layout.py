@@ -18,6 +18,7 @@ from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import yaml_text
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, grid
+from pouring_robot.mechanism.joint_limits import in_limits
 from pouring_robot.robot.pouring.kinematics import chain_joints
 from pouring_robot.robot.pouring.layout import load_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS
@@ -161,7 +162,7 @@ def checked(layout: NewLayout) -> Checked:
     within = np.ones(len(poses), dtype=bool)
     for k, ((low, high), unit) in enumerate(layout.limits().values()):
         values = factors[unit] * joints[..., k]
-        wrong = (values < low - 1e-9) | (values > high + 1e-9)
+        wrong = ~in_limits(values, low, high)
         beyond |= {CHAIN_JOINTS[leg][k]: int(wrong[:, leg].sum()) for leg in np.flatnonzero(wrong.any(axis=0))}
         within &= ~wrong.any(axis=1)
     arm = MM * 0.5 * math.hypot(*layout.moving_mm)
