@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.kernels.closing import NOT_CONVERGED
 from pouring_robot.batch.kernels.residuals import Closures, Samples, make_room
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.status import CLOSED, MODE_ENDS, NOT_CONVERGED
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
@@ -27,7 +27,6 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
-_MODE_ENDS = STATUS_NAMES.index("assembly mode ends")  # no kernel says so
 
 
 class CompiledEngine(Engine):
@@ -71,7 +70,7 @@ class CompiledEngine(Engine):
             for finer, smooth in options.growth_passes(number):
                 result.put(rows, self._followed(drives[rows], start[rows], placed[rows], finer, smooth))
                 spent[rows] += result.iterations[rows]
-                rows = rows[result.status[rows] == _MODE_ENDS]
+                rows = rows[result.status[rows] == MODE_ENDS]
                 if not rows.size:
                     break
             result.iterations[steps == number] = spent[steps == number]
@@ -93,10 +92,10 @@ class CompiledEngine(Engine):
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
                 astray = (closed.iterations > smooth) | jumps(moved, before[rows])
-                closed.refuse(astray | (closed.status == NOT_CONVERGED), _MODE_ENDS)
+                closed.refuse(astray | (closed.status == NOT_CONVERGED), MODE_ENDS)
                 before[rows] = moved
             result.put(rows, closed)
-            start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
+            start, rows = start.replaced(rows, closed), rows[closed.status != MODE_ENDS]
             if not rows.size:
                 break
         result.iterations[:] = spent
@@ -174,10 +173,10 @@ class CompiledEngine(Engine):
     def _of_kernel(
         self, kernel: Callable[..., None], status: ByteArray, chosen: tuple[GeometricParameter, ...], samples: Samples
     ) -> BatchTransfer:
-        """Return what a kernel says of G; samples of another status than 0 keep it."""
+        """Return what a kernel says of G; samples that are not closed keep their status."""
         matrix, found = np.empty((len(status), len(chosen), 6)), np.empty_like(status)
         self._share(len(status), kernel, samples, self._columns(chosen), matrix, found)
-        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), np.where(status == 0, found, status))
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), np.where(status == CLOSED, found, status))
 
     def _columns(self, parameters: Sequence[GeometricParameter]) -> Columns:
         """Sort the columns by the site that each displaces."""

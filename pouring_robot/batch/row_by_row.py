@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.kernels.closing import CLOSED, NOT_FINITE, SINGULAR
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.status import CLOSED, NOT_FINITE, SINGULAR, STATUS_NAMES
 from pouring_robot.batch.structure import Structure, seat_joints, shared_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray

@@ -7,14 +7,11 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.batch.status import CLOSED, STATUS_NAMES
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.local_parameters import LocalParameter
-
-STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular", "assembly mode ends")
-"""Meaning of the status codes 0 to 5; only transfer matrices can be singular. Where the assembly mode of the drawing
-ends in a fold before errors are whole, no pose is continuous with it, and none is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +43,9 @@ class BatchStart:
 
     def replaced(self, samples: IntArray, closed: BatchClosure) -> BatchStart:
         """Return the starts with some samples where they closed; those that did not stay as they are."""
-        arrays, done = (self.position.copy(), self.rotation.copy(), self.joints.copy()), closed.status == 0
+        arrays = self.position.copy(), self.rotation.copy(), self.joints.copy()
         for array, new in zip(arrays, (closed.position, closed.rotation, closed.joints), strict=True):
-            array[samples[done]] = new[done]
+            array[samples[closed.closed]] = new[closed.closed]
         return BatchStart(*arrays)
 
 
@@ -129,7 +126,7 @@ class BatchClosure:
     joints: FloatArray  # the joints as in :class:`BatchStart`
     residual: FloatArray  # what is left open in each loop, log6, in m and rad, shape (n, loops, 6)
     iterations: CountArray  # Newton steps taken, shape (n,)
-    status: ByteArray  # 0 closed, 1 not converged, 2 left open too far, 3 input not finite, 5 the mode ends, shape (n,)
+    status: ByteArray  # codes of :mod:`~pouring_robot.batch.status`, shape (n,)
     # what r redundant drives disagree by, in m, shape (n, r)
     disagreement: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -147,7 +144,7 @@ class BatchClosure:
     @property
     def closed(self) -> NDArray[np.bool_]:
         """Which samples are closed, shape (n,)."""
-        return np.asarray(self.status == 0)
+        return np.asarray(self.status == CLOSED)
 
     def put(self, samples: IntArray, others: BatchClosure) -> None:
         """Put others in the place of some samples."""
@@ -182,7 +179,7 @@ class BatchTransfer(ReadOnly):
     # displacement of the end frame's origin (m) and rotation vector (rad), in base axes, per unit of each parameter,
     # shape (n, 6, columns); NaN where the status is not 0
     matrix: FloatArray
-    status: ByteArray  # as in :class:`BatchClosure`, (n,); 4 where a sample is closed, its platform not determined
+    status: ByteArray  # as in :class:`BatchClosure`, (n,); singular where it is closed, its platform not determined
     # derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives
     disagreement: FloatArray | None = None
 

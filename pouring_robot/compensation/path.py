@@ -24,7 +24,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
+from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.status import STATUS_NAMES
 from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.batch.samples import STATUS_NAMES
+from pouring_robot.batch.status import CLOSED, STATUS_NAMES
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -129,7 +129,7 @@ def error_dataset(
     """
     import xarray as xr
 
-    found = (status == STATUS_NAMES[0])[:, None, None, None]
+    found = (status == STATUS_NAMES[CLOSED])[:, None, None, None]
     nominal, actual = np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
     turn = actual[..., :3] @ np.swapaxes(nominal[..., :3], -1, -2)
     dims = ("pose", "frame", "axis")
@@ -140,7 +140,7 @@ def error_dataset(
         "nominal_rotation": (dims, rotation_vectors(nominal[..., :3]), {"units": "rad"}),
         "actual_rotation": (dims, rotation_vectors(actual[..., :3]), {"units": "rad"}),
         "error_rotation": (dims, rotation_vectors(turn), {"units": "rad"}),
-        "status": ("pose", status, {"comment": f"'{STATUS_NAMES[0]}', or why the pose is NaN"}),
+        "status": ("pose", status, {"comment": f"'{STATUS_NAMES[CLOSED]}', or why the pose is NaN"}),
     }
     comment = (
         f"poses in {loops.base_frame}; rotations are rotation vectors in its axes; errors are actual minus nominal"

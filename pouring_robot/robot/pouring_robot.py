@@ -15,7 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand, BatchStart
+from pouring_robot.batch.samples import BatchClosure, BatchCommand, BatchStart
+from pouring_robot.batch.status import CLOSED, NOT_CONVERGED, STATUS_NAMES
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
@@ -119,9 +120,11 @@ class PouringRobot(Robot):
             try:
                 location = self.locate(self.command_at(pose))
             except NoSolutionError as problem:
-                status.append(OUT_OF_REACH if isinstance(problem, UnreachablePoseError) else STATUS_NAMES[1])
+                status.append(
+                    OUT_OF_REACH if isinstance(problem, UnreachablePoseError) else STATUS_NAMES[NOT_CONVERGED]
+                )
                 continue
-            status.append(STATUS_NAMES[0])
+            status.append(STATUS_NAMES[CLOSED])
             for i, frame in enumerate(loops.reported_frames):
                 both[:, k, i] = [found.homogeneous[:3] for found in location.poses(frame)]
         return error_dataset(loops, np.array(status), both[0], both[1], _commanded(poses))

@@ -21,7 +21,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
+from pouring_robot.batch.samples import BatchClosure, BatchStart
+from pouring_robot.batch.status import STATUS_NAMES
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite

@@ -26,7 +26,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchStart, engine_for
-from pouring_robot.batch.samples import STATUS_NAMES
+from pouring_robot.batch.status import STATUS_NAMES
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray

@@ -31,15 +31,16 @@ from pouring_robot.batch.kernels.residuals import (
     step_back,
     three,
 )
+from pouring_robot.batch.status import CLOSED, NOT_CONVERGED
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
-
-CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE, SINGULAR = 0, 1, 2, 3, 4
+from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4
-# A pivot that is a smaller share of its joint's stiffness is round-off of zero; the platform's, of all loops'.
-_IDLE_RATIO, _SINGULAR_RATIO = 1e-12, 1e-13
+# A pivot that is a smaller share of its joint's stiffness is round-off of zero; the platform's, SINGULAR_RATIO of all
+# loops'.
+_IDLE_RATIO = 1e-12
 
 
 @compiled
@@ -163,7 +164,7 @@ def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
     for c in range(6):
         s[7 * c] *= 1.0 + damping
     subtract_chains(star, room)
-    return cholesky(s, _SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0])
+    return cholesky(s, SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0])
 
 
 @compiled

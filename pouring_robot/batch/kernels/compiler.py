@@ -16,6 +16,7 @@ import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from pouring_robot.io.cache import cache_folder, content_key
+from pouring_robot.mechanism.closure import null_space
 
 # No Python object and no memory management inside kernels (_nrt): they get all arrays from outside. 'contract' lets
 # the compiler fuse a*b + c; NaN and infinity keep their meaning.
@@ -27,9 +28,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def source_stamp(function: Callable[..., Any]) -> str:
-    """Return a name for the text of a kernel's file and of all here, of their arrays, and of the compiler."""
+    """Return a name for the text of a kernel's file and of all here, of what they import, and of the compiler."""
     here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), here.parent / "structure.py", Path(function.__code__.co_filename)]
+    beside = (here.parent / "structure.py", here.parent / "status.py", Path(null_space.__file__))
+    files = [*sorted(here.glob("*.py")), *beside, Path(function.__code__.co_filename)]
     return content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
 
 

@@ -6,7 +6,7 @@ A sample's result depends on its own input only, never on the range or the threa
 import math
 
 from pouring_robot.batch.kernels.algebra import dot, product, transposed
-from pouring_robot.batch.kernels.closing import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
+from pouring_robot.batch.kernels.closing import close_one
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
     Closures,
@@ -19,6 +19,7 @@ from pouring_robot.batch.kernels.residuals import (
     residual_of,
     three,
 )
+from pouring_robot.batch.status import CLOSED, GAP_TOO_LARGE, NOT_FINITE
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 

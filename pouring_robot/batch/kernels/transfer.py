@@ -27,15 +27,7 @@ from pouring_robot.batch.kernels.algebra import (
     scaled,
     transposed,
 )
-from pouring_robot.batch.kernels.closing import (
-    CLOSED,
-    NOT_FINITE,
-    SINGULAR,
-    chain_columns,
-    factorise,
-    row_times,
-    solve_platform,
-)
+from pouring_robot.batch.kernels.closing import chain_columns, factorise, row_times, solve_platform
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
     Room,
@@ -49,6 +41,7 @@ from pouring_robot.batch.kernels.residuals import (
     three,
 )
 from pouring_robot.batch.kernels.samples import load_joints, load_state, place_errors
+from pouring_robot.batch.status import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 

@@ -172,7 +172,7 @@ def checked(layout: NewLayout) -> Checked:
     sides = np.sign(np.linalg.det(slopes))
     worst = int(weakest.argmin())
     place = (*(poses[worst, :3] / MM).tolist(), math.degrees(poses[worst, 3]))
-    amplified = 1.0 / np.maximum(weakest, 1e-12)
+    amplified = 1.0 / np.maximum(weakest, 1.0 / _UNBOUNDED)
     needed = (float(joints[..., 2].min()) / MM, float(joints[..., 2].max()) / MM)
     figures = float(np.median(amplified)), float(amplified.max())
     singular = bool(figures[1] > _HELD or (sides != sides[0]).any())
