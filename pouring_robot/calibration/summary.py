@@ -23,9 +23,9 @@ from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import counted, some
+from pouring_robot.io.figures import without_nan
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.poses import pose_figures
-from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
 
 Figures = dict[str, Any]

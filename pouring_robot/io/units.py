@@ -53,6 +53,11 @@ def shown_in(unit: str) -> tuple[str, float]:
     return _OF_ERRORS[unit]
 
 
+def joint_shown(value: float, unit: str) -> tuple[float, str]:
+    """Return a joint value of a unit, m or rad, as it is shown, and in what."""
+    return (value / MM, "mm") if unit == "m" else (math.degrees(value), "deg")
+
+
 def joint_shown_in(unit: str) -> tuple[str, float]:
     """Return in what joint values of a unit, m or rad, are shown, and how large that is in it."""
     return ("mm", MM) if unit == "m" else ("deg", DEG)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch.status import CLOSED, STATUS_NAMES
-from pouring_robot.io.units import MM, MRAD
+from pouring_robot.io.units import MM, MRAD, joint_shown
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -114,10 +113,8 @@ class LadleLocation(ReadOnly, Location):
 
 def drive_words(mechanism: ClosedChainMechanism, drives: Mapping[str, float]) -> list[str]:
     """Return drive values (m, rad) by name in mm and degrees, as in the JSON output."""
-    return [
-        f"{name} {value / MM:.4f} mm" if mechanism.unit_of(name) == "m" else f"{name} {math.degrees(value):.5f} deg"
-        for name, value in drives.items()
-    ]
+    shown = {name: joint_shown(value, mechanism.unit_of(name)) for name, value in drives.items()}
+    return [f"{name} {figure:.{4 if unit == 'mm' else 5}f} {unit}" for name, (figure, unit) in shown.items()]
 
 
 def error_dataset(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.io.units import MM, MRAD, joint_shown_in
+from pouring_robot.io.units import MM, MRAD, joint_shown, joint_shown_in
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import PoseDifference
@@ -17,13 +17,8 @@ Figures = dict[str, Any]
 
 def joint_figures(mechanism: ClosedChainMechanism, values: dict[str, float]) -> Figures:
     """Return joint values with their unit in the name: mm for prismatic, degrees for revolute joints."""
-    figures = {}
-    for joint, value in values.items():
-        if mechanism.unit_of(joint) == "m":
-            figures[f"{joint}_mm"] = value / MM
-        else:
-            figures[f"{joint}_deg"] = math.degrees(value)
-    return figures
+    shown = {joint: joint_shown(value, mechanism.unit_of(joint)) for joint, value in values.items()}
+    return {f"{joint}_{unit}": figure for joint, (figure, unit) in shown.items()}
 
 
 def difference_figures(difference: PoseDifference) -> Figures:
@@ -120,17 +115,3 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
         },
         **sideways,
     }
-
-
-def decimals(value: float, digits: int, *, sign: bool = False) -> str:
-    """Return a figure with so many decimals; one that they do not show is 0, never -0."""
-    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}"
-
-
-def without_nan(value: Any) -> Any:
-    """Return nested figures with None, JSON's null, in the place of everything that is not finite."""
-    if isinstance(value, dict):
-        return {key: without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

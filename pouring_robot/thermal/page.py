@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, own_look, svg_of, tidy
-from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.thermal.network.parts import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat

@@ -136,8 +136,8 @@ def _ladle(
 def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
     from pouring_robot.cli.poses.heat import unsettled_words
+    from pouring_robot.io.figures import decimals
     from pouring_robot.io.units import MM, MRAD
-    from pouring_robot.robot.location_figures import decimals
 
     word = "" if len(found) == 1 else "largest: "
     before = max(one.before.distance_m for one in found) / MM

@@ -11,9 +11,9 @@ import numpy as np
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
@@ -66,7 +66,7 @@ class ThermalLaw:
 
     def print_sum(self, pose: Command, parts: dict[str, list[float]]) -> None:
         """Print it beside the full closure."""
-        from pouring_robot.robot.location_figures import decimals
+        from pouring_robot.io.figures import decimals
 
         rows = [
             (name.replace("_", " "), *(decimals(value, 3, sign=True) for value in shift))

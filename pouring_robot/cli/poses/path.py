@@ -151,7 +151,7 @@ def _error(shift: Any, turn: Any) -> Row:
 
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
     from pouring_robot.cli.shared.tables import print_rows
-    from pouring_robot.robot.location_figures import decimals
+    from pouring_robot.io.figures import decimals
 
     worst = max(row.get("error_mm", 0.0) for row in rows)
     verdict, required = "", robot.accuracy_m

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
-from pouring_robot.robot.location_figures import decimals, rotation_deg
+from pouring_robot.robot.location_figures import rotation_deg
 from pouring_robot.robot.robot import Robot
 
 

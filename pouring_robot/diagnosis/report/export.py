@@ -11,12 +11,12 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
 from pouring_robot.inference.thresholds import CHANCE_DRAWS
+from pouring_robot.io.figures import without_nan
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked
 from pouring_robot.io.seeds import CHANCE_SEED
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.poses import pose_figures
-from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
 
 METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"

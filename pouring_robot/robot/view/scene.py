@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -19,7 +20,6 @@ from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
-from pouring_robot.robot.location_figures import decimals
 from pouring_robot.viewer import (
     GHOST_TINT,
     Colour,

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
 

@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary
 from pouring_robot.sweeps.config import Allocation
 from pouring_robot.sweeps.plan import SweepPlan

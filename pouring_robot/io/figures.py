@@ -1,0 +1,18 @@
+"""Figures as they are printed, and as JSON takes them."""
+
+import math
+from typing import Any
+
+
+def decimals(value: float, digits: int, *, sign: bool = False) -> str:
+    """Return a figure with so many decimals; one that they do not show is 0, never -0."""
+    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}"
+
+
+def without_nan(value: Any) -> Any:
+    """Return nested figures with None, JSON's null, in the place of everything that is not finite."""
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
