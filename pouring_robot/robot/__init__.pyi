@@ -1,3 +1,4 @@
+from .command_table import read_poses as read_poses
 from .export.paths import package_path as package_path
 from .export.paths import urdf_path as urdf_path
 from .location import LadleLocation as LadleLocation
@@ -6,7 +7,6 @@ from .model import JointPlacement as JointPlacement
 from .model import RobotModel as RobotModel
 from .parameter_catalogue import Parameter as Parameter
 from .parameter_catalogue import ParameterCatalogue as ParameterCatalogue
-from .pose_table import read_poses as read_poses
 from .pouring.platform_pose import PlatformPose as PlatformPose
 from .pouring_robot import PouringRobot as PouringRobot
 from .pouring_robot import load_robot as load_robot

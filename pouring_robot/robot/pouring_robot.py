@@ -23,9 +23,9 @@ from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
 from pouring_robot.mechanism.joint_limits import ROUND_OFF, joint_reach, refuse_beyond
+from pouring_robot.robot.command_table import read_pose_lines
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry

@@ -33,12 +33,12 @@ from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity, dexter
 from pouring_robot.mechanism.joint_limits import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.command_table import read_command_lines
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import parsed
 from pouring_robot.robot.inverse import Reached, Target, search, starts_near
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pose_table import read_command_lines
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 if TYPE_CHECKING:

@@ -36,13 +36,13 @@ from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.mechanism.loops_file import load_loops
+from pouring_robot.robot.command_table import read_command_lines, read_pose_lines
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 from pouring_robot.robot.export.paths import examples_path
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pose_table import read_command_lines, read_pose_lines
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.stiffness import load_stiffness
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties

@@ -19,7 +19,7 @@ from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import load_loops
-from pouring_robot.robot.pose_table import read_poses
+from pouring_robot.robot.command_table import read_poses
 from pouring_robot.robot.pouring.layout import shipped_layouts_file
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot

@@ -11,7 +11,7 @@ from pouring_robot.exceptions import CampaignError, TableError
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.tables import csv_text, read_table, table_of
 from pouring_robot.io.units import UNITS, to_inner
-from pouring_robot.robot.pose_table import read_pose_lines
+from pouring_robot.robot.command_table import read_pose_lines
 
 
 def test_lines_and_cells_of_a_csv_file(tmp_path):

@@ -181,7 +181,7 @@ def _print_commands(found: Sequence[Compensation]) -> None:
 def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> None:
     """Compensate a whole path, or make the function that does it elsewhere."""
     from pouring_robot.compensation.path import compensate_path, make_controller
-    from pouring_robot.robot.pose_table import read_poses
+    from pouring_robot.robot.command_table import read_poses
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated, written = HeatedRobot(robot, heat), []

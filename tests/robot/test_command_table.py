@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.robot.pose_table import read_pose_lines, read_poses
+from pouring_robot.robot.command_table import read_pose_lines, read_poses
 from tests.support import ROOT
 
 HEADER = "x_mm,y_mm,z_mm,tilt_deg\n"
