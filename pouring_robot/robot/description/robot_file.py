@@ -82,6 +82,7 @@ class RobotFile(StrictModel):
             raise ValueError("give either urdf or xacro")
         if not isinstance(self.loops, str) and (self.base_frame is None or self.end_frame is None):
             raise ValueError("base_frame and end_frame are needed; only a loops file may name them instead")
+        # What is said of drives counts over a loops file too, which would be blamed for it if only that were checked.
         joints = {entry.joint for entry in self.drives}
         for group, members in self.groups.items():
             if len(set(members)) < max(len(members), 1):
