@@ -15,6 +15,7 @@ from pouring_robot.mechanism.local_parameters import (
     GeometricParameter,
     LocalParameter,
     PlacementParameter,
+    placement_parameters,
 )
 
 
@@ -26,8 +27,8 @@ class Engine(ABC):
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters of the mechanism, six a site that is used."""
-        return self.structure.parameters
+        """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
+        return placement_parameters(self.structure.placed_joints)
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""

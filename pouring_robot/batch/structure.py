@@ -8,7 +8,6 @@ placements on both sides, so a kernel needs to know one kind of revolute and one
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -20,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.local_parameters import PlacementParameter, placement_parameters
 from pouring_robot.mechanism.rotations import turn_to
 
 IntArray = NDArray[np.int64]
@@ -64,11 +62,6 @@ class Structure:
     def placed_joints(self) -> tuple[str, ...]:
         """The joints whose placements make the pose: those of the sites that are used."""
         return tuple(filter(None, self.site_joints))
-
-    @functools.cached_property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
-        return placement_parameters(self.placed_joints)
 
     def joints(self, configurations: FloatArray) -> FloatArray:
         """Return the engine's joints, n first, from Pinocchio configurations (n, nq)."""
@@ -237,20 +230,20 @@ def _chains(mechanism: ClosedChainMechanism) -> list[_Chain]:
         return [_serial_chain(mechanism)]
     model, loops = mechanism.shared_model, mechanism.loops
     names = list(model.names)
-    end = {anchor.joint_b for anchor in mechanism.anchors}
+    end = {b.parentJoint for _, b in mechanism.anchors}
     if len(end) != 1 or model.nvs[next(iter(end))] != _FREE_BODY_FREEDOMS:
         raise UnsupportedMechanismError("the second frames of its loops are not on one free body (see cut_joints)")
     if loops.end_frame is None or model.frames[_end_frame(mechanism)].parentJoint not in end:
         raise UnsupportedMechanismError("its end_frame is not on the body the chains end on")
     to_end, chains = model.frames[_end_frame(mechanism)].placement.inverse(), []
-    for i, anchor in enumerate(mechanism.anchors):
-        if anchor.kind != "6d":
-            raise UnsupportedMechanismError(f"loop '{anchor.name}' holds its origins only (3d)")
-        joints = _joints_between(mechanism, anchor.joint_a, f"the chain of loop '{anchor.name}'")
+    for i, (loop, (a, b)) in enumerate(zip(loops.loops, mechanism.anchors, strict=True)):
+        if loop.type != "6d":
+            raise UnsupportedMechanismError(f"loop '{loop.name}' holds its origins only (3d)")
+        joints = _joints_between(mechanism, a.parentJoint, f"the chain of loop '{loop.name}'")
         seat = next(iter(seat_joints(mechanism, i)), "")
-        if seat and seat not in mechanism.frame_paths[loops.loops[i].frame_b]:
-            raise UnsupportedMechanismError(f"chain '{anchor.name}' ends in '{seat}', and no seat stands for it")
-        chains.append(_Chain(joints, anchor.placement_a, to_end * anchor.placement_b, seat))
+        if seat and seat not in mechanism.frame_paths[loop.frame_b]:
+            raise UnsupportedMechanismError(f"chain '{loop.name}' ends in '{seat}', and no seat stands for it")
+        chains.append(_Chain(joints, a.placement, to_end * b.placement, seat))
     every = [j for chain in chains for j in chain.joints]
     shared = {names[j] for j in every if every.count(j) > 1}
     if shared:
@@ -265,7 +258,7 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
     drives = np.array([where.get(c, (-1, -1)) for c in mechanism.drive_columns.tolist()], dtype=np.int64).reshape(-1, 2)
     if not mechanism.anchors:
         return drives, np.full((1, 1), -1, dtype=np.int64)
-    free_body = mechanism.anchors[0].joint_b
+    free_body = mechanism.anchors[0][1].parentJoint
     free = set(range(model.idx_vs[free_body], model.idx_vs[free_body] + _FREE_BODY_FREEDOMS))
     passive_columns = mechanism.passive_columns.tolist()
     if not free <= set(passive_columns):
@@ -284,12 +277,11 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
 def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
     """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
     turns, revolute, names = [], [], mechanism.shared_model.names
-    for j, subspace in zip(chain, mechanism.joint_axes(chain), strict=True):
-        linear, angular = np.linalg.norm(subspace[:3]), np.linalg.norm(subspace[3:])
-        if max(linear, angular) < 1.0 - 1e-9 or min(linear, angular) > 1e-12:
+    for j, twist in zip(chain, mechanism.joint_axes(chain), strict=True):
+        if not twist.any():  # its axis has no length
             raise UnsupportedMechanismError(f"joint '{names[j]}' is neither revolute nor prismatic")
-        revolute.append(bool(angular > linear))
-        turns.append(turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
+        revolute.append(mechanism.unit_of(names[j]) == "rad")
+        turns.append(turn_to(twist[3:] if revolute[-1] else twist[:3]))
     return np.array(turns), np.array(revolute)
 
 

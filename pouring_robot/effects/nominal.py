@@ -41,7 +41,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
     joints = engine.structure.placed_joints
-    turns = [turn for turn in engine.structure.parameters if turn.unit == "rad"]
+    turns = [turn for turn in engine.parameters if turn.unit == "rad"]
     rest, lifted = seen_from_rest(engine, closure)
     moved = rest.transfer(lifted, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)

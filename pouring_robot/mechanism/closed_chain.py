@@ -9,7 +9,6 @@ carrying chain drops out of all results.
 import functools
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Self
@@ -20,20 +19,8 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
 from pouring_robot.mechanism.joint_types import unit_of
-from pouring_robot.mechanism.loops_file import LoopsFile, LoopStiffness
+from pouring_robot.mechanism.loops_file import LoopsFile, LoopSpec, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
-
-
-@dataclass(frozen=True)
-class LoopAnchor:
-    """Where one loop is closed: two frames, each rigidly on a joint of the tree."""
-
-    name: str  # name of the loop
-    kind: str  # ``6d`` or ``3d``
-    joint_a: int  # Pinocchio index of the joint that carries frame a; likewise ``joint_b``
-    placement_a: pin.SE3  # pose of frame a in ``joint_a``; likewise ``placement_b``
-    joint_b: int
-    placement_b: pin.SE3
 
 
 def _composed(first: Mapping[str, pin.SE3], second: Mapping[str, pin.SE3]) -> dict[str, pin.SE3]:
@@ -58,7 +45,7 @@ class ClosedChainMechanism:
     Attributes:
         tree_urdf: the URDF with cut joints floating and ``joint_types`` applied; spherical ones turn about one axis.
         mimics: joints that follow others.
-        anchors: where each loop is closed.
+        anchors: where each loop is closed: its frames a and b, rigidly on a joint of the tree each.
         shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
 
     Raises:
@@ -113,10 +100,11 @@ class ClosedChainMechanism:
         other._displacements = _composed(self._displacements, displacements)
         return other
 
-    def _twin(self) -> Self:
-        """Return a copy: names, indices and workspaces depend neither on where joints stand nor on stiffness."""
+    def _twin(self, **loops: Any) -> Self:
+        """Return a copy with another base or stiffness; no name or index depends on them or on where joints stand."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
+        twin.loops = self.loops.model_copy(update=loops)
         return twin
 
     @property
@@ -126,15 +114,11 @@ class ClosedChainMechanism:
 
     def with_stiffness(self, stiffness: LoopStiffness) -> Self:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
-        other = self._twin()
-        other.loops = self.loops.model_copy(update={"stiffness": stiffness})
-        return other
+        return self._twin(stiffness=stiffness)
 
     def seen_from(self, base: str) -> Self:
         """Return the same mechanism with poses seen from another frame."""
-        other = self._twin()
-        other.loops = self.loops.model_copy(update={"base_frame": base})
-        return other
+        return self._twin(base_frame=base)
 
     def with_drives(self, drives: tuple[str, ...]) -> Self:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
@@ -167,15 +151,12 @@ class ClosedChainMechanism:
         except (UnknownFrameError, UnknownJointError) as unknown:
             raise DescriptionError(self._source, problem + closest(name, unknown.known)) from unknown
 
-    def _find_anchors(self) -> tuple[LoopAnchor, ...]:
-        anchors = []
-        for loop in self.loops.loops:
-            absent = f"loop '{loop.name}' names the absent frame "
-            names = loop.frame_a, loop.frame_b
-            ids = (self._declared(self.frame_id, name, f"{absent}'{name}'") for name in names)
-            a, b = (self.shared_model.frames[k] for k in ids)
-            anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
-        return tuple(anchors)
+    def _find_anchors(self) -> tuple[tuple[pin.Frame, pin.Frame], ...]:
+        def frame(loop: LoopSpec, name: str) -> pin.Frame:
+            absent = f"loop '{loop.name}' names the absent frame '{name}'"
+            return self.shared_model.frames[self._declared(self.frame_id, name, absent)]
+
+        return tuple((frame(loop, loop.frame_a), frame(loop, loop.frame_b)) for loop in self.loops.loops)
 
     def frames_at(self, configuration: FloatArray) -> pin.Data:
         """Return joints and frames where they stand at a configuration (nq,), until this thread asks again."""

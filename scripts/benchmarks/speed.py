@@ -132,11 +132,9 @@ def unit_times_us(energy: ClosureEnergy, configuration: FloatArray) -> list[floa
     model = mechanism.copy_model()
     data = model.createData()
     anchors, workspaces = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
-    for anchor in mechanism.anchors:
+    for a, b in mechanism.anchors:
         constraint = pin.ConstraintModel(
-            pin.FrameAnchorConstraintModel(
-                model, anchor.joint_a, anchor.placement_a, anchor.joint_b, anchor.placement_b
-            )
+            pin.FrameAnchorConstraintModel(model, a.parentJoint, a.placement, b.parentJoint, b.placement)
         )
         anchors.append(constraint)
         workspaces.append(constraint.createData())

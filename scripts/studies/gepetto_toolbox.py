@@ -71,9 +71,9 @@ def close_with(toolbox: Any, mechanism: ClosedChainMechanism, targets: FloatArra
     kinds = {"3d": pin.ContactType.CONTACT_3D, "6d": pin.ContactType.CONTACT_6D}
     contacts = [
         pin.RigidConstraintModel(
-            kinds[a.kind], model, a.joint_a, a.placement_a, a.joint_b, a.placement_b, pin.ReferenceFrame.LOCAL
+            kinds[loop.type], model, a.parentJoint, a.placement, b.parentJoint, b.placement, pin.ReferenceFrame.LOCAL
         )
-        for a in mechanism.anchors
+        for loop, (a, b) in zip(mechanism.loops.loops, mechanism.anchors, strict=True)
     ]
     contact_data = [contact.createData() for contact in contacts]
     names = mechanism.loops.drives

@@ -158,6 +158,14 @@ def test_what_is_no_serial_arm_is_refused_by_name(changes, problem):
         CompiledEngine(arm(**changes))
 
 
+def test_a_joint_whose_axis_has_no_length_is_refused_by_name():
+    mechanism = arm()
+    before, joint, after = mechanism.urdf.partition('<joint name="flange_turn" type="continuous">')
+    stuck = ClosedChainMechanism(before + joint + after.replace("1 0 0", "0 0 0", 1), mechanism.loops)
+    with pytest.raises(UnsupportedMechanismError, match="joint 'flange_turn' is neither revolute nor prismatic"):
+        CompiledEngine(stuck)
+
+
 def test_joints_beyond_the_end_do_not_matter():
     """As the fingers of a hand: free, or tied to each other by mimic."""
     mechanism = arm(end_frame="pitch_link", drives=ARM_JOINTS[:5])

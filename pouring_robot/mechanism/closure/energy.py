@@ -147,13 +147,13 @@ class ClosureEnergy:
         self.data = self.model.createData()
         self._constraints = pin.StdVec_ConstraintModel()
         self._constraint_data = pin.StdVec_ConstraintData()
-        for anchor in mechanism.anchors:
-            frames = anchor.joint_a, anchor.placement_a, anchor.joint_b, anchor.placement_b
+        for a, b in mechanism.anchors:
+            frames = a.parentJoint, a.placement, b.parentJoint, b.placement
             constraint = pin.ConstraintModel(pin.FrameAnchorConstraintModel(self.model, *frames))
             self._constraints.append(constraint)
             self._constraint_data.append(constraint.createData())
         self._anchor_data = [data.extract() for data in self._constraint_data]
-        self._is_3d = [anchor.kind == "3d" for anchor in mechanism.anchors]
+        self._is_3d = [loop.type == "3d" for loop in mechanism.loops.loops]
         translation, rotation = mechanism.loops.stiffness_si
         rows = [[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d]
         self._stiffness = np.array(rows).reshape(-1, 6)
@@ -284,8 +284,8 @@ class ClosureEnergy:
         """Return which columns move frame a and frame b of each loop; (loops, nv) of ones and zeros."""
         masks = np.zeros((2, len(self.mechanism.anchors), self.model.nv))
         for i, anchor in enumerate(self.mechanism.anchors):
-            for side, joint in enumerate((anchor.joint_a, anchor.joint_b)):
-                for support in list(self.model.supports[joint])[1:]:
+            for side, frame in enumerate(anchor):
+                for support in list(self.model.supports[frame.parentJoint])[1:]:
                     masks[side, i, self.mechanism.joint_columns[self.model.names[support]]] = 1.0
         return masks[0], masks[1]
 

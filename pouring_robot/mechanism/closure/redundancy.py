@@ -37,7 +37,7 @@ def redundant_drives(mechanism: ClosedChainMechanism) -> int:
     """
     if not mechanism.loops.redundant_drives:
         return 0
-    equations = sum(3 if anchor.kind == "3d" else 6 for anchor in mechanism.anchors)
+    equations = sum(3 if loop.type == "3d" else 6 for loop in mechanism.loops.loops)
     count = equations - mechanism.passive_columns.size
     if count < 1:
         raise BadInputError(

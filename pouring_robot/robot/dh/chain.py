@@ -168,7 +168,7 @@ def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
 
     Raises NotUPUError where it is not R R P R R from base to end frame, or axes of a U joint meet at another angle.
     """
-    name = mechanism.anchors[index].name
+    name = mechanism.loops.names[index]
     joints, sites, closing, own_axes = _read_placements(mechanism, index)
     at_zero = [*itertools.accumulate(sites[:SEAT], np.matmul)]  # the five joints in O
     lines = [(pose[:3, 3], pose[:3, :3] @ axis) for pose, axis in zip(at_zero, own_axes, strict=True)]
@@ -198,40 +198,36 @@ def _read_placements(
     The six joints whose placements make it up, the last of them the seat; these placements, (6, 4, 4); the way from the
     last joint to the seat where the loop is closed, (4, 4); and the joint axes in their own frames, (5, 3).
     """
-    model, anchor, loop = mechanism.shared_model, mechanism.anchors[index], mechanism.loops.loops[index]
-    if anchor.kind != "6d" or mechanism.loops.end_frame is None:
-        raise NotUPUError(anchor.name, "its loop must be of type 6d, and the loops file must name the end frame")
+    model, (a, b), loop = mechanism.shared_model, mechanism.anchors[index], mechanism.loops.loops[index]
+    if loop.type != "6d" or mechanism.loops.end_frame is None:
+        raise NotUPUError(loop.name, "its loop must be of type 6d, and the loops file must name the end frame")
     base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)]
     end = model.frames[mechanism.frame_id(mechanism.loops.end_frame)]
     seat = model.frames[model.frames[mechanism.frame_id(loop.frame_b)].parentFrame]
-    if anchor.joint_b != end.parentJoint or seat.type != pin.FrameType.FIXED_JOINT:
-        raise NotUPUError(anchor.name, f"'{loop.frame_b}' is not fixed to '{end.name}' by a joint of its own")
+    if b.parentJoint != end.parentJoint or seat.type != pin.FrameType.FIXED_JOINT:
+        raise NotUPUError(loop.name, f"'{loop.frame_b}' is not fixed to '{end.name}' by a joint of its own")
     ids: list[int] = []
-    joint = anchor.joint_a
+    joint = a.parentJoint
     while joint not in (0, base.parentJoint):
         ids.insert(0, joint)
         joint = model.parents[joint]
-    axes = _joint_axes(mechanism, ids, anchor.name)
+    axes = _joint_axes(mechanism, ids, loop.name)
     if joint != base.parentJoint:
-        raise NotUPUError(anchor.name, f"it does not hang from '{base.name}'")
+        raise NotUPUError(loop.name, f"it does not hang from '{base.name}'")
     first, *others = (model.jointPlacements[j] for j in ids)
     sites = [base.placement.inverse() * first, *others, end.placement.inverse() * seat.placement]
-    closing = anchor.placement_a * (anchor.placement_b.inverse() * seat.placement)
+    closing = a.placement * (b.placement.inverse() * seat.placement)
     names = (*(str(model.names[j]) for j in ids), str(seat.name))
     return names, np.stack([site.homogeneous for site in sites]), np.array(closing.homogeneous), axes
 
 
 def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> FloatArray:
     """Return the axis of each joint in its own frame, shape (5, 3), once the joints prove to be R R P R R."""
-    kinds, axes = "", []
-    for joint, column in zip(ids, mechanism.joint_axes(ids), strict=True):
-        linear, angular = column[:3], column[3:]
-        pure = mechanism.shared_model.nvs[joint] == 1 and (not linear.any() or not angular.any())
-        kinds += ("R" if angular.any() else "P") if pure else "?"
-        axes.append(angular if angular.any() else linear)
-    if kinds != JOINT_KINDS:
+    twists, freedoms = mechanism.joint_axes(ids), mechanism.shared_model.nvs
+    kinds = ["?" if freedoms[j] != 1 else "R" if twist[3:].any() else "P" for j, twist in zip(ids, twists, strict=True)]
+    if kinds != [*JOINT_KINDS]:
         raise NotUPUError(chain, f"its joints are {' '.join(kinds) or 'none'}, not {' '.join(JOINT_KINDS)}")
-    return np.array(axes)
+    return np.array([twist[3:] if kind == "R" else twist[:3] for twist, kind in zip(twists, kinds, strict=True)])
 
 
 def _check_u_joints(lines: Sequence[Line], joints: Sequence[str], chain: str) -> None:
