@@ -344,11 +344,6 @@ class RobotDefinition:
         return {name: tuple(group for group in groups if group in known) for name, groups in _SETS.items()}
 
     @property
-    def tolerances_file(self) -> Path | None:
-        """The robot's own tolerances; None: the shipped ones."""
-        return None if self.file.tolerances is None else self.path.parent / self.file.tolerances
-
-    @property
     def home_drives(self) -> FloatArray:
         """Drive values at the home, (drives,), in m and rad."""
         return np.array([self.file.home.get(drive.joint, 0.0) for drive in self.drives])

@@ -21,9 +21,7 @@ _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
 
 
-@functools.lru_cache(maxsize=4)  # of one drawing it is asked for many times
-def _dh_table(nominal: ClosedChainMechanism) -> DHTable:
-    return DHTable.from_mechanism(nominal)
+_dh_table = functools.lru_cache(maxsize=4)(DHTable.from_mechanism)  # of one drawing it is asked for many times
 
 
 class PouringDefinition(RobotDefinition):

@@ -4,14 +4,14 @@ Every entry is ``{value, unit, source, note}``. Unknown keys, wrong units, sizes
 numbers that are not finite are refused. The properties ``metres`` and ``radians`` give SI values.
 """
 
-import math
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
 from pydantic import AfterValidator, Field, PositiveFloat
 
 from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.io.units import UNITS
 
-_PER_SI = {"mm": 1000.0, "m": 1.0, "rad": 1.0, "deg": 180.0 / math.pi}
+_PER_SI = UNITS["length"] | UNITS["angle"]
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -40,7 +40,7 @@ class Entry(StrictModel, Generic[Value, Unit]):
 
     @property
     def _si(self) -> Value:
-        return cast("Value", _divided(self.value, _PER_SI[str(self.unit)]))
+        return cast("Value", _divided(self.value, _PER_SI[str(self.unit)][0]))
 
 
 def _divided(value: Any, by: float) -> Any:

@@ -12,7 +12,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres
+from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Share
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -20,7 +20,6 @@ PARTS = (*LEGS, "platform", "fixed_platform")
 
 _Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
-_Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Expansion = Annotated[float, Field(ge=0.0, le=1e-3)]
 
 
@@ -92,7 +91,7 @@ class MovingPlatformProperties(StrictModel):
 class TrussProperties(StrictModel):
     """The truss over the robot: which share of the melt's radiation gets there."""
 
-    exposed: Entry[_Share, Literal["1"]] = Entry[_Share, Literal["1"]](value=1.0, unit="1", source="assumed")
+    exposed: Entry[Share, Literal["1"]] = Entry[Share, Literal["1"]](value=1.0, unit="1", source="assumed")
 
 
 class ContactProperties(StrictModel):
