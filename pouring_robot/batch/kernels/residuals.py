@@ -102,9 +102,9 @@ def three(row: FloatArray, at: int) -> Triple:
 
 
 @compiled
-def nine(row: FloatArray, at: int) -> Rotation:
-    """Return nine neighbouring numbers, a rotation."""
-    a, b, c = three(row, at), three(row, at + 3), three(row, at + 6)
+def nine(row: FloatArray) -> Rotation:
+    """Return the nine first numbers, a rotation."""
+    a, b, c = three(row, 0), three(row, 3), three(row, 6)
     return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
@@ -118,7 +118,7 @@ def put(row: FloatArray, at: int, a: Triple) -> None:
 def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
     """Return rotation and origin of frame a of chain i; writes the frames of its joints."""
     count = star.revolute.shape[1]
-    r, place = nine(room.sites[i, 0], 0), three(room.sites[i, 0], 9)
+    r, place = nine(room.sites[i, 0]), three(room.sites[i, 0], 9)
     for k in range(count):
         axis = (r[2], r[5], r[8])
         put(room.frames[i, k], 0, axis)
@@ -133,7 +133,7 @@ def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
         else:
             place = plus(place, scaled(room.joints[at], axis))
         place = plus(place, turn(r, three(room.sites[i, k + 1], 9)))
-        r = product(r, nine(room.sites[i, k + 1], 0))
+        r = product(r, nine(room.sites[i, k + 1]))
     return r, place
 
 
@@ -166,11 +166,11 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
     kt, kr = star.stiffness[0], star.stiffness[1]
     energy, largest = 0.0, 0.0
     seat = star.revolute.shape[1] + 1
-    r_platform, origin = nine(room.platform, 0), three(room.platform, 9)
+    r_platform, origin = nine(room.platform), three(room.platform, 9)
     for i in range(star.revolute.shape[0]):
         r_a, a = carry(star, room, i)
         b = plus(origin, turn(r_platform, three(room.sites[i, seat], 9)))
-        w = turn_between(r_a, product(r_platform, nine(room.sites[i, seat], 0)))
+        w = turn_between(r_a, product(r_platform, nine(room.sites[i, seat])))
         gap = minus(b, a)
         v = shift_over(gap, w, -1.0)
         force, torque = residual_wrench(v, w, kt, kr)
@@ -193,7 +193,7 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
 @compiled
 def residual_of(room: Room, i: int, residual: FloatArray) -> None:
     """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, (6,)."""
-    r_a, w = nine(room.axes_a[i], 0), three(room.turned[i], 0)
+    r_a, w = nine(room.axes_a[i]), three(room.turned[i], 0)
     put(residual, 0, turn_back(r_a, shift_over(three(room.gap[i], 0), w, 1.0)))
     put(residual, 3, turn_back(r_a, w))
 
@@ -203,23 +203,18 @@ def branch_end(star: Star, room: Room, i: int) -> tuple[Rotation, Triple, Triple
     """Return frame a's rotation, the way from the end frame's origin to frame a's, and the end frame's origin."""
     seat = room.sites[i, star.revolute.shape[1] + 1]
     r_a, a = carry(star, room, i)
-    offset = turn(r_a, turn_back(nine(seat, 0), three(seat, 9)))
+    offset = turn(r_a, turn_back(nine(seat), three(seat, 9)))
     return r_a, offset, minus(a, offset)
 
 
 @compiled
 def displace(star: Star, room: Room, site: int, error: FloatArray) -> None:
-    """Write ``placement o SE3(exp3(rotation), translation)`` of a site for its error (6,), m, rad, unless it is 0."""
-    sum_of_sizes = 0.0
-    for c in range(6):
-        sum_of_sizes += abs(error[c])
-    if sum_of_sizes == 0.0:
-        return
+    """Write ``placement o SE3(exp3(rotation), translation)`` of a site for its error (6,), in m and rad."""
     per_chain = star.placements.shape[1] - 1
     i, k = site // per_chain, site % per_chain
     if k == per_chain - 1:
         k += 1  # the tip stands between the joints and the seat
-    axes, r = nine(star.site_axes[site], 0), nine(star.placements[i, k], 0)
+    axes, r = nine(star.site_axes[site]), nine(star.placements[i, k])
     turned = product(r, rotation_from_vector(turn_back(axes, three(error, 3))))
     for m in range(9):
         room.sites[i, k, m] = turned[m]
@@ -240,7 +235,7 @@ def keep_state(room: Room) -> None:
 def move(star: Star, room: Room, share: float) -> None:
     """Move by a share of the step: a twist of the platform in base axes, and the steps of the joints."""
     step, platform = room.step, room.platform
-    turned = product(rotation_from_vector(scaled(share, three(step, 3))), nine(platform, 0))
+    turned = product(rotation_from_vector(scaled(share, three(step, 3))), nine(platform))
     for k in range(9):
         platform[k] = turned[k]
     for k in range(3):

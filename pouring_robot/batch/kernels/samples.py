@@ -160,7 +160,7 @@ def carry_samples(
         load_drives(star, room, drives[row])
         sound = place_errors(star, room, samples, row, first)
         r_a, _, origin = branch_end(star, room, chain[row])
-        axes = product(r_a, transposed(nine(room.sites[chain[row], star.revolute.shape[1] + 1], 0)))
+        axes = product(r_a, transposed(nine(room.sites[chain[row], star.revolute.shape[1] + 1])))
         put(room.platform, 9, origin)
         for c in range(9):
             room.platform[c] = axes[c]

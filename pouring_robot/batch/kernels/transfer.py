@@ -176,7 +176,7 @@ def transfer_one(star: Star, room: Room, columns: Columns, matrix: FloatArray, e
         for r in range(6 if exact else 0):
             add_to_front(room, r, 1.0, bracket(room, i, three(room.through, 6 * r), three(room.through, 6 * r + 3)))
         arm = minus(reference, three(room.origin_b[i], 0))
-        turned_axes = product(nine(room.platform, 0), nine(room.sites[i, joints + 1], 0))
+        turned_axes = product(nine(room.platform), nine(room.sites[i, joints + 1]))
         write_site(room, columns, i * (joints + 1) + joints, transposed(turned_axes), arm, matrix)
 
 
