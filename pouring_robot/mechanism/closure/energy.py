@@ -239,7 +239,8 @@ class ClosureEnergy:
         By default those of the joints themselves. Valid at the state's configuration, where :meth:`evaluate` was last
         called. Springs and weight are not in it.
         """
-        joints = self.joint_columns()
+        mask_a, mask_b = self._support
+        joints = TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
         columns = columns or joints
         if not self._anchor_data:
             return np.zeros((self.model.nv, columns.depth.size))
@@ -261,11 +262,6 @@ class ClosureEnergy:
         """Return how the loops' residual changes when twists displace the tree, (loops * 6, n); valid as the above."""
         body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
         return np.asarray((state.jlog @ body @ (columns.on_b - columns.on_a)).reshape(6 * len(body), -1))
-
-    def joint_columns(self) -> TwistColumns:
-        """Return the joints' own twists at the configuration where :meth:`evaluate` was last called."""
-        mask_a, mask_b = self._support
-        return TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
         """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
