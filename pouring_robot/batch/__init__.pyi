@@ -3,11 +3,11 @@ from .engine import engine_for as engine_for
 from .engine import seen_from_rest as seen_from_rest
 from .interface import Engine as Engine
 from .row_by_row import GeneralEngine as GeneralEngine
+from .samples import STATUS_NAMES as STATUS_NAMES
 from .samples import BatchClosure as BatchClosure
 from .samples import BatchCommand as BatchCommand
 from .samples import BatchStart as BatchStart
 from .samples import BatchTransfer as BatchTransfer
 from .samples import SiteErrors as SiteErrors
 from .starts import HomotopyStarts as HomotopyStarts
-from .status import STATUS_NAMES as STATUS_NAMES
 from .structure import StarStructure as StarStructure

@@ -17,13 +17,13 @@ from pouring_robot.batch.kernels.residuals import Closures, Samples, make_room
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.status import CLOSED, MODE_ENDS, NOT_CONVERGED
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.closure.status import CLOSED, MODE_ENDS, NOT_CONVERGED
 from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512

@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.status import CLOSED, NOT_FINITE, SINGULAR, STATUS_NAMES
 from pouring_robot.batch.structure import Structure, seat_joints, shared_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_FINITE, SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch.status import CLOSED, STATUS_NAMES
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
+from pouring_robot.mechanism.closure.status import CLOSED
+from pouring_robot.mechanism.closure.status import STATUS_NAMES as STATUS_NAMES  # noqa: PLC0414 - the room exports it
 from pouring_robot.mechanism.local_parameters import LocalParameter
 
 
@@ -126,7 +127,7 @@ class BatchClosure:
     joints: FloatArray  # the joints as in :class:`BatchStart`
     residual: FloatArray  # what is left open in each loop, log6, in m and rad, shape (n, loops, 6)
     iterations: CountArray  # Newton steps taken, shape (n,)
-    status: ByteArray  # codes of :mod:`~pouring_robot.batch.status`, shape (n,)
+    status: ByteArray  # codes of :mod:`~pouring_robot.mechanism.closure.status`, shape (n,)
     # what r redundant drives disagree by, in m, shape (n, r)
     disagreement: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 

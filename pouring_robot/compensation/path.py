@@ -25,7 +25,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure
-from pouring_robot.batch.status import STATUS_NAMES
 from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
@@ -33,6 +32,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import CLIMBS_SEED
 from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
+from pouring_robot.mechanism.closure.status import STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result

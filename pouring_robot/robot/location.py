@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.batch.status import CLOSED, STATUS_NAMES
 from pouring_robot.io.units import MM, MRAD, joint_shown
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.mechanism.closure.status import CLOSED, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import JointReach
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.poses import PoseDifference

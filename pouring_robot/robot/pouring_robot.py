@@ -16,11 +16,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch.samples import BatchClosure, BatchCommand, BatchStart
-from pouring_robot.batch.status import CLOSED, NOT_CONVERGED, STATUS_NAMES
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED, STATUS_NAMES
 from pouring_robot.mechanism.conditioning import AxisWeakness, axis_weakness
 from pouring_robot.mechanism.joint_limits import ROUND_OFF, joint_reach, refuse_beyond
 from pouring_robot.robot.command_table import read_pose_lines

@@ -22,13 +22,13 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure, BatchStart
-from pouring_robot.batch.status import STATUS_NAMES
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import as_tuple
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.status import STATUS_NAMES
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity, dexterity
 from pouring_robot.mechanism.joint_limits import ROUND_OFF, JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pouring_robot.batch import CompiledEngine, GeneralEngine, HomotopyStarts, engine_for
-from pouring_robot.batch.status import STATUS_NAMES
+from pouring_robot.mechanism.closure.status import STATUS_NAMES
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from tests.mechanism.struts import CRANK, GROUND, STROKE, crank_end, strut_star
 

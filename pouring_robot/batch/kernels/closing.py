@@ -31,10 +31,10 @@ from pouring_robot.batch.kernels.residuals import (
     step_back,
     three,
 )
-from pouring_robot.batch.status import CLOSED, NOT_CONVERGED
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4

@@ -29,8 +29,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def source_stamp(function: Callable[..., Any]) -> str:
     """Return a name for the text of a kernel's file and of all here, of what they import, and of the compiler."""
-    here = Path(__file__).parent
-    beside = (here.parent / "structure.py", here.parent / "status.py", Path(null_space.__file__))
+    here, closure = Path(__file__).parent, Path(null_space.__file__).parent
+    beside = (here.parent / "structure.py", closure / "status.py", closure / "null_space.py")
     files = [*sorted(here.glob("*.py")), *beside, Path(function.__code__.co_filename)]
     return content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
 

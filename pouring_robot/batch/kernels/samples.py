@@ -19,9 +19,9 @@ from pouring_robot.batch.kernels.residuals import (
     residual_of,
     three,
 )
-from pouring_robot.batch.status import CLOSED, GAP_TOO_LARGE, NOT_FINITE
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE, NOT_FINITE
 
 _ROTATION_TOLERANCE = 1e-6
 

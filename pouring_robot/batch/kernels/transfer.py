@@ -41,9 +41,9 @@ from pouring_robot.batch.kernels.residuals import (
     three,
 )
 from pouring_robot.batch.kernels.samples import load_joints, load_state, place_errors
-from pouring_robot.batch.status import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_FINITE, SINGULAR
 
 # Loops open by less carry no wrench that counts (m or rad).
 _SECOND_ORDER_ABOVE = 1e-12

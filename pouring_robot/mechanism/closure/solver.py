@@ -21,6 +21,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
+from pouring_robot.mechanism.closure.status import GAP_TOO_LARGE, MODE_ENDS, NOT_CONVERGED, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import ROUND_OFF
 from pouring_robot.report.result import Result
 
@@ -109,8 +110,7 @@ class ClosureResult(ReadOnly, Result):
         if self.mechanism.loops.redundant_drives:
             most_m, most_rad, reason = options.most_disagreement_m, np.inf, "the drives disagree"
         if self.gap_m > most_m or self.gap_rad > most_rad:
-            status = "left open too far"
-            raise _failure(self.mechanism, reason, self.residual, self.iterations, status)
+            raise _failure(self.mechanism, reason, self.residual, self.iterations, GAP_TOO_LARGE)
         return self
 
     @functools.cached_property
@@ -246,7 +246,7 @@ class ClosureSolver:
             if share == 1.0:
                 return state, spent
         reason = f"the drawing's assembly mode ends at {share:.1%} of the errors"
-        raise _failure(mechanism, reason, state.residual, spent, "assembly mode ends")
+        raise _failure(mechanism, reason, state.residual, spent, MODE_ENDS)
 
     def _followed(self, commanded: FloatArray, steps: int, smooth: int) -> tuple[EnergyState, int, float]:
         """Follow the mode of the drawing while errors grow; return where it ends, Newton steps, and at what share."""
@@ -316,7 +316,7 @@ class ClosureSolver:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
                 damping, climbed = max(10.0 * damping, 1e-4), False
         reason = "Newton's steps do not settle"
-        raise _failure(self.mechanism, reason, best.residual, options.max_iterations, "not converged")
+        raise _failure(self.mechanism, reason, best.residual, options.max_iterations, NOT_CONVERGED)
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
@@ -338,7 +338,7 @@ class ClosureSolver:
 
 
 def _failure(
-    mechanism: ClosedChainMechanism, reason: str, residual: FloatArray, iterations: int, status: str
+    mechanism: ClosedChainMechanism, reason: str, residual: FloatArray, iterations: int, status: int
 ) -> ClosureError:
     gaps, turns = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))
     names = mechanism.loops.names
@@ -348,5 +348,5 @@ def _failure(
         gap_m=largest_norm(residual[:, :3]),
         gap_rad=largest_norm(residual[:, 3:]),
         worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
-        status=status,
+        status=STATUS_NAMES[status],
     )

@@ -1,4 +1,4 @@
-"""How a sample ended: the codes that engines and their kernels write, and what each is called."""
+"""How a closure ended: the codes that batch engines and their kernels write of samples, and what each is called."""
 
 CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE, SINGULAR, MODE_ENDS = range(6)
 STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular", "assembly mode ends")
