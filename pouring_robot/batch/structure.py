@@ -77,7 +77,7 @@ class Structure:
 
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
-        if joint not in self.site_joints or not joint:
+        if joint not in self.placed_joints:
             raise UnknownJointError(joint, self.placed_joints)
         return self.site_joints.index(joint)
 

@@ -148,15 +148,9 @@ def adjoint(transforms: FloatArray) -> FloatArray:
 
 
 class NotUPUError(BadInputError):
-    """A DH table was asked for a mechanism whose chains are not of the UPU kind.
-
-    Attributes:
-        chain: the loop at fault.
-        problem: what differs, on one line.
-    """
+    """A DH table was asked for a mechanism whose chains are not of the UPU kind."""
 
     def __init__(self, chain: str, problem: str) -> None:
-        self.chain, self.problem = chain, problem
         super().__init__(
             f"'{chain}' is no UPU chain: {problem}; build the DH table on the nominal 4-UPU robot and give "
             "errors as errors of that table"
