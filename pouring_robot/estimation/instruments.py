@@ -61,7 +61,7 @@ class Instrument(ABC):
         """Return measured minus predicted, (n, k), in m or rad; NaN where either is missing."""
 
     @abstractmethod
-    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """Return the derivative of :meth:`difference` by the unknowns, (n, k, 12 + P)."""
 
     def stretched(self, prediction: Prediction) -> FloatArray:
@@ -103,7 +103,7 @@ class Places(Instrument):
         """Of each coordinate."""
         return np.asarray(self.position_m - prediction.position_m)
 
-    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """As the position moves."""
         return -prediction.derivatives[:, :3]
 
@@ -129,9 +129,9 @@ class Turns(Instrument):
         """As rotation vector that turns the predicted axes into the measured ones, in tracker axes."""
         return rotation_vectors(self.rotation @ np.swapaxes(prediction.rotation, 1, 2))
 
-    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """As log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))."""
-        return np.asarray(-inverse_right_jacobians(difference) @ prediction.derivatives[:, 3:])
+        return np.asarray(-inverse_right_jacobians(self.difference(prediction)) @ prediction.derivatives[:, 3:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class Distances(Instrument):
         line, _ = self._lines(prediction)
         return np.where(self.known, (self.distance_m - np.linalg.norm(line, axis=1))[:, None], np.nan)
 
-    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """As both ends move along the line between them."""
         line, at = self._lines(prediction)
         moved = prediction.derivatives[:, :3]
@@ -204,7 +204,7 @@ class Closures(Instrument):
         """Nothing minus the disagreement."""
         return np.where(self.whole, -prediction.closure.disagreement, np.nan)
 
-    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """As the disagreement changes; the frames have no part in it."""
         if prediction.disagreement is None:
             raise BadInputError("the prediction's engine knows nothing of redundant drives")

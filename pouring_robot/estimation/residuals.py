@@ -12,6 +12,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import Distances, Instrument, Places, Turns, instruments_of
 from pouring_robot.estimation.measurement import Differentiated, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.robust import Equations
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 
@@ -89,25 +90,12 @@ class MeasuredPoses(PoseStack):
         """Return measured minus predicted, (n, K), in m and rad; NaN where either is missing."""
         return np.concatenate([instrument.difference(prediction) for instrument in self.instruments], axis=1)
 
-    def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
-        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P).
-
-        Raises:
-            BadInputError: the prediction carries no Jacobian.
-        """
-        ends = np.cumsum([instrument.known.shape[1] for instrument in self.instruments])[:-1]
-        parts = zip(self.instruments, np.split(residual, ends, axis=1), strict=True)
-        return np.concatenate([instrument.jacobian(prediction, part) for instrument, part in parts], axis=1)
-
 
 @dataclass(frozen=True, eq=False)
-class WhitenedEquations(Differentiated):
-    """Residuals over their noise, missing components left out."""
+class WhitenedEquations(Equations, Differentiated):
+    """Measured minus predicted over its noise, missing components left out."""
 
-    residual: FloatArray  # shape (m,): measured minus predicted over sigma
     jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
-    rows: Indices  # row each equation comes from, shape (m,)
-    components: Indices  # numbered as in :mod:`pouring_robot.estimation.kinds`, shape (m,)
     failed: Indices  # rows that were measured but have no prediction
 
 
@@ -118,11 +106,11 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
     rows, components = np.nonzero(kept)
     jacobian = None
     if prediction.jacobian is not None:
-        whole = measured.residual_jacobian(prediction, residual)
+        whole = np.concatenate([instrument.jacobian(prediction) for instrument in measured.instruments], axis=1)
         jacobian = whole.reshape(-1, whole.shape[2]) if kept.all() else whole[kept]
         jacobian /= measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
-    return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
+    return WhitenedEquations(residual[kept] / measured.sigma[components], rows, components, jacobian, failed)
 
 
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:

@@ -6,7 +6,8 @@ follows from noise. Before any fit, where the noise is not known, the scale is t
 """
 
 import functools
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy.special
@@ -25,20 +26,13 @@ ch. 4 and 7)."""
 _MAD_TO_SIGMA = 1.4826  # of normal values: one over their quantile of three quarters
 
 
-class Equations(Protocol):
-    """Residuals over their noise, m of them."""
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Residuals over their noise."""
 
-    @property
-    def residual(self) -> FloatArray:
-        """Residual of each, (m,)."""
-
-    @property
-    def rows(self) -> Indices:
-        """Row that each is of, (m,)."""
-
-    @property
-    def components(self) -> Indices:
-        """Component that each is of, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)."""
+    residual: FloatArray  # of each of m equations, (m,)
+    rows: Indices  # row that each is of, (m,)
+    components: Indices  # component that each is of, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)
 
 
 def robust_sigma(values: FloatArray) -> float:

@@ -12,7 +12,7 @@ def equations(residual, components=None):
     residual = np.asarray(residual, dtype=float)
     count = residual.size
     where = np.tile(np.arange(6), count // 6 + 1)[:count] if components is None else np.asarray(components)
-    return WhitenedEquations(residual, None, np.arange(count) // 6, where, np.zeros(0, dtype=np.intp))
+    return WhitenedEquations(residual, np.arange(count) // 6, where, None, np.zeros(0, dtype=np.intp))
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft_l1", "linear"])
