@@ -188,11 +188,7 @@ def _require_access(place: Path, given: Path) -> None:
 
 
 def check_writable(path: Path | str) -> None:
-    """Find out, without touching it, whether a file can be written: before hours of work, not after.
-
-    Raises:
-        OutputError: as :func:`write_whole` would.
-    """
+    """Find out, without touching it, before hours of work, whether a file can be written; raises as `write_whole`."""
     given = Path(path)
     with _told(given):
         target = _target(given)

@@ -4,13 +4,12 @@ Where copying is not safe, because other threads are at work here or the platfor
 process, when its result is asked for.
 """
 
-import contextlib
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TypeVar
@@ -39,7 +38,7 @@ def forked(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     theirs.close()
 
     def answer() -> Found:
-        with contextlib.suppress(EOFError):  # the copy has ended without an answer
+        with suppress(EOFError):  # the copy has ended without an answer
             if ours.poll(_PATIENCE_S):
                 found: Found = ours.recv()
                 return found
@@ -66,7 +65,7 @@ def _do(work: Callable[[], Found], theirs: Connection) -> None:
     """Do the work as the copy, which ends with the process that it is of, and silently at a Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with contextlib.suppress(Exception):  # it is raised where the work is done again
+    with suppress(Exception):  # it is raised where the work is done again
         theirs.send(work())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, size_fault
+from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, separators, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 from pouring_robot.io.units import UNITS, Kind, to_inner
 
@@ -136,7 +136,7 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
     for quantity in quantities:
         if quantity.required and not {quantity.name, quantity.unless} & found.keys():
             remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
-            raise table.heading_fault(remedy + table.separators(), quantity.canonical)
+            raise table.heading_fault(remedy + separators(table.headings), quantity.canonical)
         if quantity.part_of in wholes and quantity.name not in found:
             *parts, last = [other.name for other in quantities if other.part_of == quantity.part_of]
             remedy = f"the column is missing; {quantity.part_of} needs {', '.join(parts)} and {last}"
@@ -157,4 +157,5 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
     lower = {name.lower(): name for name in known if name not in read}
     near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)
     if near:
-        raise table.heading_fault(f"unknown column; did you mean '{lower[near[0]]}'?" + table.separators(), heading)
+        remedy = f"unknown column; did you mean '{lower[near[0]]}'?"
+        raise table.heading_fault(remedy + separators(table.headings), heading)

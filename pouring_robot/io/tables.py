@@ -65,12 +65,8 @@ class Table:
             if heading not in known:
                 with_unit = [name for name in known if name.startswith(f"{heading}_")] if heading else []
                 said = f" names no unit; write {' or '.join(with_unit)}" if with_unit else closest(heading, known)
-                raise self.heading_fault(f"unknown column '{heading}'{self.separators() or said}")
+                raise self.heading_fault(f"unknown column '{heading}'{separators(self.headings) or said}")
         self.refuse_doubled()
-
-    def separators(self) -> str:
-        """Return what may be wrong with a table of one column."""
-        return _separators(self.headings)
 
     def refuse_doubled(self) -> None:
         """Refuse headings that stand twice."""
@@ -151,7 +147,7 @@ def read_table(
         if len(cells) > width or (len(cells) < width and not short_rows):
             why = f"; does line {heading_line} name every column?" if len(cells) > width else "; is the row cut off?"
             why = _COMMENT if str(cells[0]).startswith("#") else why
-            raise error(path, f"{len(cells)} cells for {width} columns{_separators(first) or why}", line)
+            raise error(path, f"{len(cells)} cells for {width} columns{separators(first) or why}", line)
         cells.extend([""] * (width - len(cells)))
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     headings = tuple(str(cell).strip() for cell in first)
@@ -194,7 +190,7 @@ def _number(cell: Any) -> float:
     return float(cell)
 
 
-def _separators(headings: Sequence[Any]) -> str:
+def separators(headings: Sequence[Any]) -> str:
     """Return what may be wrong with a table of these headings, if they are a comment or a single one."""
     if headings and str(headings[0]).startswith("#"):
         return _COMMENT

@@ -21,11 +21,7 @@ def reference_degC(stated: float | None) -> float:
 
 
 def kelvin(value_degC: float, what: str = "temperature") -> float:
-    """Return a temperature in K of one in °C; ``what`` it is, for the error.
-
-    Raises:
-        TemperatureError: it lies below absolute zero or is not finite.
-    """
+    """Return in K what is in °C; raises TemperatureError of ``what`` where it is not finite or below absolute zero."""
     if not math.isfinite(value_degC) or value_degC < ABSOLUTE_ZERO_DEGC:
         raise TemperatureError(what, value_degC)
     return value_degC + ZERO_CELSIUS_K

@@ -34,7 +34,6 @@ class Result(ABC):
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        """Return the headline behind the name of the class."""
         return f"<{type(self).__name__}: {self.headline}>"
 
     def _repr_html_(self) -> str:
