@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 import pouring_robot
-from pouring_robot.batch import BatchCommand, CompiledEngine, Engine, engine_for
+from pouring_robot.batch import BatchClosure, BatchCommand, CompiledEngine, Engine, engine_for
 from pouring_robot.batch.structure import ByteArray
 from pouring_robot.exceptions import NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.io.seeds import spawned
@@ -44,26 +44,14 @@ class Chunk:
 
 
 @dataclass(frozen=True, eq=False)
-class Platforms:
-    """Where the moving platform of every robot (first axis) stands at every pose (second axis)."""
-
-    # in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below
-    position_m: FloatArray
-    rotation: FloatArray  # shape (robots, poses, 3, 3)
-    gap_m: FloatArray  # largest distance left open in a loop, shape (robots, poses)
-    gap_rad: FloatArray  # largest angle
-    status: ByteArray  # shape (robots, poses), see :data:`~pouring_robot.sweeps.store.STATUS_NAMES`
-
-
-@dataclass(frozen=True, eq=False)
 class ChunkResult:
     """What one chunk found; NaN where the status is not 0."""
 
     displacement: FloatArray  # with the errors minus without them, shape (samples, poses, frames, 3), in m
     rotation: FloatArray  # rotation vector of that, shape (samples, poses, 3), in rad
-    gap_m: FloatArray  # this and the next two as :class:`Platforms` has them, shape (samples, poses)
-    gap_rad: FloatArray
-    status: ByteArray
+    gap_m: FloatArray  # largest distance left open in a loop, shape (samples, poses)
+    gap_rad: FloatArray  # largest angle, of the same shape
+    status: ByteArray  # see :data:`~pouring_robot.sweeps.store.STATUS_NAMES`, of the same shape
     errors: FloatArray  # the errors of each robot, shape (samples, parameters), in m and rad
     version: str  # of the package that computed it
 
@@ -112,11 +100,6 @@ class SweepPlan:
         return {name: value for name, value in self.__dict__.items() if name not in {"engine", "error_map"}}
 
     @property
-    def tilts(self) -> bool:
-        """Whether it commands a tilt."""
-        return self.model.definition.command_columns[-1].name == "tilt"
-
-    @property
     def off(self) -> str:
         """What displacements are, in words: a model's robot moves from where it stands without the sweep's errors."""
         return "off" if self.config.model is None else f"off its place in {Path(self.config.model).name}"
@@ -130,7 +113,7 @@ class SweepPlan:
         start, without = self.poses.start, self._without_errors(self.poses)
         drawn, built = self._tool_offsets(self.model.definition.mechanism())[0], self.tool_offsets_m[0]
         wanted = start.position + start.rotation @ drawn
-        distance = np.linalg.norm(without.position_m[0] + without.rotation[0] @ built - wanted, axis=-1)
+        distance = np.linalg.norm(without.position + without.rotation @ built - wanted, axis=-1)
         return float(np.nanmax(distance)) if np.isfinite(distance).any() else None
 
     @property
@@ -163,14 +146,16 @@ class SweepPlan:
         position, axes = poses.start.position, poses.start.rotation  # without the errors of the sweep
         if self.config.model is not None:
             without = self._without_errors(poses)
-            position, axes = without.position_m[0], without.rotation[0]
-        actual, offsets = self.platforms(values, poses), self.tool_offsets_m
-        found = actual.position_m[:, :, None] + np.einsum("spij,fj->spfi", actual.rotation, offsets)
+            position, axes = without.position, without.rotation
+        closed, shape, offsets = self.closed(values, poses), (len(values), len(poses)), self.tool_offsets_m
+        rotation = closed.rotation.reshape(*shape, 3, 3)
+        found = closed.position.reshape(*shape, 1, 3) + np.einsum("spij,fj->spfi", rotation, offsets)
         moved = np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", axes, offsets)))
-        turned = rotation_vectors(actual.rotation @ np.swapaxes(axes, 1, 2))
-        return ChunkResult(
-            moved, turned, actual.gap_m, actual.gap_rad, actual.status, values, pouring_robot.__version__
-        )
+        turned = rotation_vectors(rotation @ np.swapaxes(axes, 1, 2))
+        loops = closed.residual.shape[1]  # none of a serial arm
+        gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
+        status = closed.status.reshape(shape)
+        return ChunkResult(moved, turned, gaps[..., 0], gaps[..., 1], status, values, pouring_robot.__version__)
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
         """Return for each parameter the number of the group whose tolerances are scaled together."""
@@ -185,32 +170,27 @@ class SweepPlan:
                 )
         return tuple(names.index(key) for key in keys)
 
-    def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
-        """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses.
+    def closed(self, values: FloatArray, poses: BatchCommand) -> BatchClosure:
+        """Return robots with errors (robots, parameters; m, rad) closed at poses: all of the first robot's come first.
 
         An open branch is the chain alone that holds a robot's errors, its joints held where the nominal robot has them:
         what the paper's Section 4 studies.
         """
-        engine, shape = self.engine, (len(values), len(poses))
-        robot, pose = (index.ravel() for index in np.indices(shape))
-        placed = np.zeros((shape[0], engine.structure.site_count, 6))
+        engine, robots = self.engine, len(values)
+        robot, pose = (index.ravel() for index in np.indices((robots, len(poses))))
+        placed = np.zeros((robots, engine.structure.site_count, 6))
         sites = [engine.structure.site(joint) for joint in self.error_map.joints]
         placed[:, sites] = self.error_map.placement_errors(values)
-        flat = placed.reshape(shape[0], -1)
-        of_all = flat[0] if shape[0] == 1 else flat[robot]
+        flat = placed.reshape(robots, -1)
+        of_all = flat[0] if robots == 1 else flat[robot]
         offsets = self.error_map.drive_errors(values) + self.model.offset_of_each_drive()
         drives = poses.drives[pose] + offsets[robot]
         if self.config.kind == "open_branch":
             assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
             chains = np.array([p.chain - 1 for p in self.parameters])
             own = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot lie in one
-            closed = engine.carry(own[robot], drives, poses.start[pose], of_all)
-        else:
-            closed = engine.close(drives, poses.start[pose], of_all)
-        loops = closed.residual.shape[1]  # none of a serial arm
-        gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
-        position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
-        return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))
+            return engine.carry(own[robot], drives, poses.start[pose], of_all)
+        return engine.close(drives, poses.start[pose], of_all)
 
     @functools.cached_property
     def error_map(self) -> ErrorMap:
@@ -243,14 +223,16 @@ class SweepPlan:
         """SHA-256 of :attr:`content`: two plans with the same one give the same numbers."""
         return _digest(json.dumps(self.content, sort_keys=True).encode())
 
-    def _without_errors(self, poses: BatchCommand) -> Platforms:
-        return self.platforms(np.zeros((1, len(self.parameters))), poses)
+    def _without_errors(self, poses: BatchCommand) -> BatchClosure:
+        return self.closed(np.zeros((1, len(self.parameters))), poses)
 
     def _refuse_many_chains(self) -> None:
-        if self.config.kind == "open_branch" and self.catalogue.table is None:
+        if self.config.kind != "open_branch":
+            return
+        if self.catalogue.table is None:
             raise self.config.problem("an open branch is of a robot with a DH table of its chains; take 'closed_chain'")
         chains = sorted({p.chain for p in self.parameters})
-        if self.config.kind == "open_branch" and self.config.study != "one_at_a_time" and len(chains) > 1:
+        if self.config.study != "one_at_a_time" and len(chains) > 1:
             raise self.config.problem(
                 f"an open branch is one chain alone, but the errors lie in chains {', '.join(map(str, chains))}; "
                 "choose those of one chain, or kind 'closed_chain'"

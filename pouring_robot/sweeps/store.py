@@ -127,7 +127,7 @@ class SweepStore:
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
-            for name in _arrays(self.plan):
+            for name in self._arrays:
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
             yield
@@ -315,7 +315,8 @@ def _arrays(plan: SweepPlan) -> dict[str, _Array]:
     either = {"units": "m or rad, see 'unit'"}
     codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
     place, known = f"{plan.mechanism.loops.end_frame}, commanded", _Array.known
-    tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if plan.tilts else {}
+    tilts = plan.model.definition.command_columns[-1].name == "tilt"
+    tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if tilts else {}
     errors = (both[0], len(parameters)), (block[0], len(parameters)), ("sample", "parameter")
     moved = (*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis")
     return {

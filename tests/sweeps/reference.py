@@ -4,7 +4,6 @@ import numpy as np
 
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.sweeps.plan import Platforms
 from tests.support import perturbed, placement_error
 
 
@@ -19,6 +18,7 @@ class OneAtATime:
         return ClosureSolver(perturbed(self.mechanism, placements))
 
     def platforms(self, poses, placement_errors, drive_errors):
+        """Return position, rotation, largest gap in m and rad, and status of every robot at every pose."""
         shape = (len(placement_errors), len(poses))
         position, rotation = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         gaps, turns, status = np.full(shape, np.nan), np.full(shape, np.nan), np.ones(shape, np.uint8)
@@ -39,4 +39,4 @@ class OneAtATime:
                 pose = result.pose_base_to_end
                 position[s, p], rotation[s, p] = pose.translation, pose.rotation
                 gaps[s, p], turns[s, p], status[s, p] = result.gap_m, result.gap_rad, 0
-        return Platforms(position, rotation, gaps, turns, status)
+        return position, rotation, gaps, turns, status

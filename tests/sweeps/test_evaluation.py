@@ -17,13 +17,14 @@ SIZES = {"half_width_mm": 0.3, "half_width_mrad": 2.0}
 def test_closed_chains_equal_the_one_at_a_time_solver(plan):
     values = plan.draws.values(0, 6)
     errors, drives = plan.error_map.placement_errors(values), plan.error_map.drive_errors(values)
-    fast = plan.platforms(values, plan.poses)
+    closed, moved = plan.closed(values, plan.poses), plan.moved(values, plan.poses)
     slow = OneAtATime(plan.mechanism, plan.error_map.joints).platforms(plan.poses, errors, drives)
-    assert (fast.status == 0).all() and (slow.status == 0).all()
-    assert np.abs(fast.position_m - slow.position_m).max() < 1e-11
-    assert np.abs(fast.rotation - slow.rotation).max() < 1e-11
-    assert np.abs(fast.gap_m - slow.gap_m).max() < 1e-11
-    assert np.abs(fast.gap_rad - slow.gap_rad).max() < 1e-10
+    position, rotation, gaps, turns, status = slow
+    assert (moved.status == 0).all() and (status == 0).all()
+    assert np.abs(closed.position.reshape(position.shape) - position).max() < 1e-11
+    assert np.abs(closed.rotation.reshape(rotation.shape) - rotation).max() < 1e-11
+    assert np.abs(moved.gap_m - gaps).max() < 1e-11
+    assert np.abs(moved.gap_rad - turns).max() < 1e-10
 
 
 def test_displacements_are_those_of_the_robot_with_these_errors(plan):
@@ -51,24 +52,25 @@ def test_displacements_are_those_of_the_robot_with_these_errors(plan):
 def test_an_open_branch_is_the_chain_of_the_dh_table(make_plan):
     entry = ErrorEntry(parameters=("*_e?_*",), **SIZES)
     plan = make_plan(study="one_at_a_time", kind="open_branch", samples=None, errors=[entry])
-    found = plan.platforms(plan.draws.values(0, plan.draws.count), plan.poses)
+    found, shape = plan.closed(plan.draws.values(0, plan.draws.count), plan.poses), (-1, len(plan.poses), 3)
+    position, rotation = found.position.reshape(shape), found.rotation.reshape(*shape, 3)
     for k, p in enumerate(plan.parameters):
         error = {p.name: plan.draws.margins[k].tolerance}
         expected = plan.catalogue.table.chain_poses(p.chain, plan.poses.start.joints[:, p.chain - 1], error)
-        assert np.abs(found.position_m[k] - expected[:, :3, 3]).max() < 1e-12, p.name
-        assert np.abs(found.rotation[k] - expected[:, :3, :3]).max() < 1e-12, p.name
+        assert np.abs(position[k] - expected[:, :3, 3]).max() < 1e-12, p.name
+        assert np.abs(rotation[k] - expected[:, :3, :3]).max() < 1e-12, p.name
 
 
 def test_an_open_branch_takes_all_errors_of_its_chain(make_plan):
     entry = ErrorEntry(parameters=("*_e4_*", "drive.leg4_s5"), **SIZES)
     plan = make_plan(kind="open_branch", errors=[entry], samples=3)
     values = plan.draws.values(0, 3)
-    found = plan.platforms(values, plan.poses)
+    position = plan.closed(values, plan.poses).position.reshape(3, -1, 3)
     errors = dict(zip(plan.names, values[1].tolist(), strict=True))
     joints = plan.poses.start.joints[:, 3].copy()
     joints[:, 4] += errors.pop("drive.leg4_s5")
     expected = plan.catalogue.table.chain_poses(4, joints, errors)
-    assert np.abs(found.position_m[1] - expected[:, :3, 3]).max() < 1e-12
+    assert np.abs(position[1] - expected[:, :3, 3]).max() < 1e-12
 
 
 def test_without_errors_nothing_moves(plan):
