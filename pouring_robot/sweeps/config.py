@@ -13,9 +13,6 @@ from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray
 
-Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
-Kind = Literal["closed_chain", "open_branch"]
-Distribution = Literal["uniform", "normal", "truncated_normal"]
 Grouping = Literal["parameter", "part", "entry"]
 
 _SIZES: dict[str, tuple[str, ...]] = {
@@ -32,7 +29,7 @@ class ErrorEntry(StrictModel):
 
     # names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
-    distribution: Distribution = "uniform"
+    distribution: Literal["uniform", "normal", "truncated_normal"] = "uniform"
     # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
     half_width_mm: PositiveFloat | None = None
     half_width_mrad: PositiveFloat | None = None
@@ -157,9 +154,9 @@ class SweepConfig(StrictModel):
     model: str | None = None  # model file of a robot as built; errors come on top of its own
     # ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws robots by
     # Saltelli's scheme for Sobol indices
-    study: Study
+    study: Literal["one_at_a_time", "monte_carlo", "sobol"]
     # ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper
-    kind: Kind = "closed_chain"
+    kind: Literal["closed_chain", "open_branch"] = "closed_chain"
     # observed frames, rigid on the end body; by default the working frame and the end frame
     frames: tuple[str, ...] = ()
     poses: Poses  # where the robots are sent. Every robot goes to every pose

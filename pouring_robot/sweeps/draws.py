@@ -56,17 +56,13 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
         said["frames"] = tuple(dict.fromkeys((robot.loops.working_frame, str(robot.loops.end_frame))))
     if not config.errors:
         tolerances = Tolerances.load(config.beside(config.tolerances)) if config.tolerances else Tolerances.of(robot)
-        kinds: dict[str, list[Parameter]] = {}
+        kinds: dict[str, list[str]] = {}
         for p in catalogue.match("geometry"):
-            kinds.setdefault(kind_of(p.local, robot.inner_joints), []).append(p)
+            kinds.setdefault(kind_of(p.local, robot.inner_joints), []).append(p.name)
+        sizes = {kind: getattr(tolerances.kinds, kind) for kind in kinds}
         said["errors"] = tuple(
-            ErrorEntry(
-                parameters=tuple(p.name for p in found),
-                distribution="normal",
-                **{f"std_{tolerance.unit}": tolerance.std},
-            )
-            for kind, found in kinds.items()
-            for tolerance in (getattr(tolerances.kinds, kind),)
+            ErrorEntry(parameters=tuple(names), distribution="normal", **{f"std_{sizes[kind].unit}": sizes[kind].std})
+            for kind, names in kinds.items()
         )
     return config.model_copy(update=said)
 

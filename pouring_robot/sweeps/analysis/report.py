@@ -82,16 +82,11 @@ class SweepReport(Result):
         }
 
     def save(self) -> tuple[Path, ...]:
-        """Write summary, ranking, picture and page into the sweep's folder and return their paths.
-
-        Raises:
-            OutputError: the folder cannot be written to.
-        """
-        figure = study_figure(self)
+        """Write summary, ranking, picture and page into the sweep's folder and return their paths."""
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
             RANKING: rows_csv(self._table()),
-            PICTURE: png_of(figure),
+            PICTURE: png_of(study_figure(self)),
             PAGE: html_report(self, {"all figures": SUMMARY, "the ranking": RANKING}),
         }
         return tuple(write_together({self.store.folder / name: content for name, content in files.items()}))

@@ -121,11 +121,6 @@ class Summary:
         """Number of samples with a solution."""
         return self.status.get(STATUS_NAMES[0], 0)
 
-    @property
-    def share_within(self) -> float:
-        """Share of all samples within the requirement; those without a solution are not within."""
-        return float(self.by_pose.within.sum()) / self.samples
-
     def figures(self) -> dict[str, Any]:
         """Return the figures for people and JSON: mm, mrad; what nobody knows where no robot closed is None."""
         rms = np.sqrt(np.nansum(self.by_pose.squares_m2, axis=0) / max(1, self.closed))
@@ -143,7 +138,7 @@ class Summary:
             "rms_mm": {axis: float(value) / MM for axis, value in zip(AXES, rms, strict=True)},
             "quantiles_mm": without_nan(quantiles),
             "accuracy_mm": self.accuracy_m / MM,
-            "share_within": self.share_within,
+            "share_within": float(self.by_pose.within.sum()) / self.samples,  # what has no solution is not within
             "share_of_robots_within_everywhere": float((self.by_sample.within == poses).sum()) / robots,
             "worst_pose": worst,
             "largest_gap_mm": self.largest_gap_m / MM,
@@ -178,8 +173,7 @@ class SobolIndices:
     total: FloatArray
     first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
     total_confidence: FloatArray
-    first_by_axis: FloatArray  # first-order index pooled over poses for x, y and z, shape (parameters, 3)
-    variance_m2: FloatArray  # total variance by coordinate, mean over the poses, shape (3,)
+    first_m2: FloatArray  # first-order variance by coordinate, mean over the poses, shape (parameters, 3)
     dropped: int  # base samples left out because a robot of theirs had no solution at some pose
 
 
@@ -220,8 +214,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
             "solution, and nothing moves in the others; make the errors smaller"
         )
     first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()
-    by_axis = (sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]).T
-    return SobolIndices(first, total, first_confidence, total_confidence, by_axis, weights / poses, dropped)
+    return SobolIndices(first, total, first_confidence, total_confidence, sums[0].T / poses, dropped)
 
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:

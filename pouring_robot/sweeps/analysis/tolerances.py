@@ -104,13 +104,13 @@ def allocate(
 
 def _cutting_planes(relative: FloatArray, weights: FloatArray, cap: float, progress: Progress) -> FloatArray:
     """Return squares u that maximise the weighted sum of log u with every eigenvalue of Σ u A at most one."""
-    poses, groups = relative.shape[:2]
+    groups = relative.shape[1]
     squares = np.full(groups, cap)
     cuts = np.zeros((0, groups))
     for rounds in range(1, _ROUNDS + 1):
         values, vectors = np.linalg.eigh(np.einsum("g,pgij->pij", squares, relative))
         violation = values[:, -1] - 1.0
-        worst = np.argsort(-violation, kind="stable")[: min(_CUTS_A_ROUND, poses)]
+        worst = np.argsort(-violation, kind="stable")[:_CUTS_A_ROUND]
         worst = worst[violation[worst] > _TIGHT]
         progress("allocation", rounds, rounds + int(worst.size > 0))
         if not worst.size:
@@ -235,7 +235,7 @@ def _measures(
             "first_order_ci95": indices.first_confidence,
             "total": indices.total,
             "total_ci95": indices.total_confidence,
-            "main_axis": main_axis(indices.first_by_axis * indices.variance_m2),
+            "main_axis": main_axis(indices.first_m2),
         }
     # First-order variances: mean over the poses of each error's own, correlation aside.
     std = np.array([margin.std for margin in plan.draws.margins])
@@ -308,10 +308,7 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
     """Return G of the plan's kind and parameters at its first frame, without the errors of the sweep.
 
     Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
-    fixed platform, per m or rad.
-
-    Raises:
-        BatchClosureError: the robot does not close at a pose.
+    fixed platform, per m or rad. Raises BatchClosureError where the robot does not close at a pose.
     """
     engine, rotation = plan.engine, poses.start.rotation
     wanted = [parameter.local for parameter in plan.parameters]
