@@ -94,6 +94,17 @@ def sessions_of(table: QuantityTable) -> tuple[str, ...]:
     return sessions
 
 
+def runs_in_time(time_s: FloatArray, sessions: Sequence[object]) -> list[Indices]:
+    """Return the rows in the order of time, (n,) and (n,): in one run, or each session in its own.
+
+    Where time mixes sessions that stand one after the other in the table, each has a clock that began anew.
+    """
+    order, names = np.argsort(time_s, kind="stable"), np.array(sessions)
+    if np.count_nonzero(names[1:] != names[:-1]) >= np.count_nonzero(names[order][1:] != names[order][:-1]):
+        return [order]
+    return [order[names[order] == name] for name in dict.fromkeys(sessions)]
+
+
 def from_the_row_before(
     drives: FloatArray, time_s: FloatArray | None = None, sessions: Sequence[str] | None = None
 ) -> FloatArray:
@@ -104,7 +115,7 @@ def from_the_row_before(
     """
     order: Indices = np.arange(len(drives))
     if time_s is not None and np.isfinite(time_s).all():
-        order = np.argsort(time_s, kind="stable")
+        order = np.concatenate(runs_in_time(time_s, sessions or ("",) * len(drives)))
     spread = np.nanmax(drives, axis=0, initial=-np.inf) - np.nanmin(drives, axis=0, initial=np.inf)
     still, sides = np.maximum(_STANDS * spread, _LEAST_STEP), np.full(drives.shape, np.nan)
     stood = side = np.full(drives.shape[1], np.nan)

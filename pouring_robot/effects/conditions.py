@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.campaign.columns import approach_names, force_names
+from pouring_robot.campaign.columns import approach_names, force_names, runs_in_time
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.gaps import filled_in, with_gaps
@@ -213,13 +213,13 @@ class Conditions:
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
         """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time.
 
-        Before the first row they had settled. Of rows of which nobody knows the time nothing is said, NaN, unless all
-        are alike.
+        Before the first row, also of a session whose clock begins anew, they had settled. Of rows of which nobody knows
+        the time nothing is said, NaN, unless all are alike.
         """
         if not self.timed and len(self) > 1 and np.ptp(values, axis=0).any():
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
-        for before, now in itertools.pairwise(np.argsort(self.time_s, kind="stable")):
+        for before, now in itertools.chain(*map(itertools.pairwise, runs_in_time(self.time_s, self.session.tolist()))):
             kept = np.exp(-(self.time_s[now] - self.time_s[before]) / lag_s)
             out[now] = values[now] + (out[before] - values[now]) * kept
         return out

@@ -6,6 +6,7 @@ row, loads, travels, sides, may stay as it was for many rows or be drawn anew fo
 
 import numpy as np
 
+from pouring_robot.campaign.columns import runs_in_time
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
@@ -90,6 +91,10 @@ def _alike(first: FloatArray, second: FloatArray, known: FloatArray) -> BoolArra
 
 
 def _times(campaign: Campaign) -> FloatArray:
-    """Return the times of the rows, (n,), in s, or their numbers where not all are known."""
-    time = campaign.time_s
-    return np.arange(len(campaign), dtype=float) if time is None or not np.isfinite(time).all() else time
+    """Return the times of the rows, (n,), in s, or their places where not all are known, or sessions begin anew."""
+    time, places = campaign.time_s, np.arange(len(campaign), dtype=float)
+    if time is None or not np.isfinite(time).all():
+        return places
+    first, *others = runs_in_time(time, campaign.sessions)
+    places[np.concatenate([first, *others])] = np.arange(len(campaign))
+    return places if others else time

@@ -91,6 +91,12 @@ def test_nobody_knows_where_the_first_of_a_session_came_from():
     np.testing.assert_array_equal(from_the_row_before(drives, None, sessions)[:, 0], [np.nan, 1.0, np.nan, 1.0])
 
 
+def test_a_clock_that_begins_anew_mixes_no_sessions():
+    drives, sessions = np.array([[0.0], [1.0], [0.5], [0.9], [0.7], [0.8]]), ("a", "a", "a", "b", "b", "b")
+    sides = from_the_row_before(drives, np.array([0.0, 60.0, 120.0, 0.0, 50.0, 110.0]), sessions)[:, 0]
+    np.testing.assert_array_equal(sides, [np.nan, 1.0, -1.0, np.nan, -1.0, 1.0])
+
+
 def test_a_plan_says_the_same(drawing):
     """But that the first of all rose."""
     drives = np.array([[0.5, 0.5, 0.5, 0.0], [0.6, 0.4, 0.5, 0.1], [0.6, 0.4, 0.5, 0.0]])

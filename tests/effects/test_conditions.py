@@ -170,6 +170,18 @@ def test_what_lags_behind_a_step_comes_exponentially():
     assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12)
 
 
+@pytest.mark.parametrize("mixed", [False, True])
+def test_of_a_session_whose_clock_begins_anew_nothing_is_left_in_the_next(mixed):
+    """Warming evenly each follows by T = s (t - τ + τ exp(-t/τ)); rows that mix sessions themselves share a clock."""
+    lag, slopes = 600.0, np.array([3e-3, -1e-3])
+    time, session = np.tile(np.arange(0.0, 3600.0, 5.0), 2), np.repeat([0, 1], 720)
+    expected = slopes[session] * (time - lag + lag * np.exp(-time / lag))
+    order = np.argsort(time, kind="stable") if mixed else np.arange(len(time))
+    time, session, expected = time[order], session[order], expected[order]
+    given = dataclasses.replace(complete_conditions(ROBOT, 2), drives=np.zeros((1440, 4)), time_s=time, session=session)
+    assert (np.abs(given.behind(slopes[session] * time, lag) - expected).max() < 0.02) != mixed
+
+
 def test_what_lags_behind_a_constant_is_constant():
     given = complete_conditions(ROBOT, 4)
     values = np.tile([3.0, -1.0], (4, 1))

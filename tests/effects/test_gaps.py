@@ -54,3 +54,14 @@ def test_the_side_of_a_first_row_is_known_by_nobody(bench):
     (rows,) = rows_without(stated).values()
     np.testing.assert_array_equal(rows, [0, 7])
     assert not rows_without(dataclasses.replace(stated, approach=np.full(sides.shape, np.nan)))
+
+
+def test_a_session_whose_clock_begins_anew_tells_nothing_of_another(bench):
+    """A lost cell lies between its neighbours of its own session, not between rows of all that have such a time."""
+    half = len(bench.campaign) // 2
+    session = np.arange(len(bench.campaign)) // half
+    time, leg1 = 60.0 * (np.arange(len(session)) % half), 20.0 + 100.0 * session
+    leg1[[7, half + 7]] = np.nan
+    names = tuple(f"day {number}" for number in session)
+    campaign = dataclasses.replace(bench.campaign.with_conditions(leg1=leg1, time=time), sessions=names)
+    np.testing.assert_array_equal(filled_in(campaign, "leg1"), 20.0 + 100.0 * session)
