@@ -147,7 +147,9 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
     story = "joints stand elsewhere on their links, or their axes point elsewhere, than drawn"
     if (robot.file.places, robot.file.axes) != ((), ()):
         yield CauseEntry("joint_placement", "placement", story)
-    yield CauseEntry("link_thermal_expansion", "links_growth", "warm links are longer than drawn")
+    slides = any(drive.unit == "m" for drive in robot.drives)
+    story = f"warm links{', screws or scales of slides' * slides} are longer than drawn"
+    yield CauseEntry("link_thermal_expansion", "links_growth", story)
     for travel in robot.travels[:1]:
         story = "the beam that carries the base sinks under it and leans with the slope of its deflection"
         yield CauseEntry("base_deflection", "deflection", story, {"travel": f"{travel}_m", "weight_n": 1000.0})

@@ -18,7 +18,7 @@ from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.families.drives import Ratio, Scale
-from pouring_robot.effects.made_up import complete_conditions
+from pouring_robot.effects.made_up import bare_conditions, complete_conditions
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten
@@ -31,7 +31,7 @@ from tests.effects.test_base import difference, moved
 from tests.examples import arm
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
-from tests.support import ROOT
+from tests.support import ROOT, gantry_file
 
 NOISE = NoiseLevel.stated(5e-5, 6e-5)
 ROWS = 24
@@ -73,6 +73,25 @@ def test_slides_grow_with_the_links_or_are_measured_by_what_does_not(rows):
     if alone is not None:
         assert set(whole[0].changes) - set(alone.parameters[0].changes) == sliding
         assert set(alone.parameters[-1].changes) == sliding
+        assert set(forms["by_ambient_drives_alone"].parameters[0].changes) == sliding
+
+
+@pytest.mark.parametrize(
+    ("thermometer", "way"), [("ambient", "by_ambient"), ("slow", "own_temperature"), ("x", "own_temperature")]
+)
+def test_screws_grow_by_the_thermometer_of_their_group_or_link_or_the_hall(tmp_path, thermometer, way):
+    """By α (q - q₀) ΔT, from a fixed bearing anywhere, all others by the hall; no link of this gantry has a length."""
+    path = gantry_file(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8") + "groups: {slow: [x_slide]}\n", encoding="utf-8")
+    bare = bare_conditions(RobotModel.for_robot(path).definition, 5)
+    rises = {"ambient": np.full(5, 2.0), thermometer: np.array([0.0, 5.0, 9.0, 12.0, 14.0])}
+    forms = all_effects(bare.robot)["link_thermal_expansion"].forms(replace(bare, rises=rises))
+    form = {form.name: form for form in forms}[f"{way}_drives_alone"]
+    main, ends = form.parameters[0], {p.name: p for p in form.parameters}
+    for k, axis in enumerate("xyz"):
+        warm = rises[thermometer if axis == "x" else "ambient"]
+        np.testing.assert_allclose(main.changes[f"drive.{axis}_slide"], 1e-6 * bare.drives[:, k] * warm, rtol=1e-12)
+        np.testing.assert_allclose(ends[f"{axis}_slide_metre"].changes[f"drive.{axis}_slide"], 1e-6 * warm, rtol=1e-12)
 
 
 def test_ids_say_what_it_is_and_of_several_groups_which(rows):

@@ -7,7 +7,7 @@ Which links carry what: :mod:`pouring_robot.effects.carried`.
 
 import functools
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,10 @@ from pouring_robot.effects.carried import chain_ends, frame_places, grown_places
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drive import Drive
 
+_Grows = Callable[[Mapping[str, FloatArray]], dict[str, FloatArray]]
+_Shape = tuple[str, float, dict[str, FloatArray]]
 _PPM = 1e-6
 _PRIOR_STD_PPM = 12.0
 _BIAS_K = 4.0
@@ -124,18 +127,20 @@ class LinksGrowth(Family):
         return () if conditions.rises else ("ambient_rise_k",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All with one thermometer, or each link with its own, which may have a share of its own; it may lag."""
-        links = {name for name, _ in standing(conditions.robot).values()}
-        own = [name for name in conditions.rises if name in links]
-        ways = {f"by_{name}": (dict[str, str](), name) for name in conditions.rises}
+        """All with one thermometer, or each part with its own, which may have a share of its own; it may lag."""
+        parts = {name for name, _ in standing(conditions.robot).values()}
+        parts |= {name for name, drives in conditions.robot.groups.items() if drives[0].unit == "m"}
+        own = [name for name in conditions.rises if name in parts]
+        ways: dict[str, tuple[Sequence[str], str]] = {f"by_{name}": ((), name) for name in conditions.rises}
         if own:
-            ways["own_temperature"] = ({name: name for name in own}, "ambient")
+            ways["own_temperature"] = (own, "ambient")
         return tuple(itertools.chain.from_iterable(self._forms(name, conditions, *way) for name, way in ways.items()))
 
-    def _forms(self, name: str, conditions: Conditions, own: Mapping[str, str], other: str) -> Iterator[Form]:
-        """Yield the forms that links follow their own thermometers, and all others another one, if it is there.
+    def _forms(self, name: str, conditions: Conditions, own: Sequence[str], other: str) -> Iterator[Form]:
+        """Yield the forms that parts follow their own thermometers, and all others another one, if it is there.
 
-        What measures a slide's travel, a screw or a scale of glass, grows like the frame, or not at all.
+        What measures a slide's travel, a screw or a scale of glass, grows like the frame, not at all, or alone, by its
+        own friction or in a frame of granite. From where on it grows, where it is held fast, no file says.
         """
         prior_std, robot, places = _PRIOR_STD_PPM, conditions.robot, _chain_joints(conditions.robot)
         carried = grown_places(robot, places) + chain_ends(robot, places)
@@ -143,36 +148,44 @@ class LinksGrowth(Family):
         base, end = (frame_places(robot, name, places) for name in (robot.loops.base_frame, robot.loops.end_frame))
         carried += [("base", link, -place) for link, place in base]
         carried += [("base", link, (conditions.rotation @ place).T) for link, place in end]
-        carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
-        followed = {by: conditions.rises[by] for _, by, _ in carried if by in conditions.rises}
+        carried = [(joint, link if link in own else other, place) for joint, link, place in carried if place.any()]
+        slid = [
+            (drive, next((part for part in _parts_of(drive, conditions) if part in own), other), travel)
+            for drive, travel in zip(robot.drives, conditions.drives.T, strict=True)
+            if drive.unit == "m"
+        ]
+        used = {by for _, by, _ in (*carried, *slid)}
+        followed = {by: rise for by, rise in conditions.rises.items() if by in used}
 
-        def changes(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        def frame(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             grown: dict[str, FloatArray] = {}
             for joint, by, place in carried:
                 if by in rises:
                     for site, change in _grown({joint: place}, rises[by]).items():
                         grown[site] = grown.get(site, 0.0) + change
-            return grown | (slides(rises) if screws else {})
+            return grown
 
         def slides(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-            found = {}
-            for k, drive in enumerate(robot.drives):
-                thermometer = conditions.causes.drive_thermometers.get(drive.joint, "") if own else other
-                rise = rises.get(thermometer if thermometer in followed else other)
-                if drive.unit == "m" and rise is not None:
-                    found[channel(drive)] = _PPM * conditions.drives[:, k] * rise
-            return found
+            return {channel(drive): _PPM * travel * rises[by] for drive, by, travel in slid if by in rises}
 
-        scales = slides(followed)
-        late = [
-            (lag_s, {by: conditions.behind(rise, lag_s) - rise for by, rise in followed.items()}) for lag_s in _LAGS_S
-        ]
-        for screws in (True, False) if scales else (True,):
+        late = [(t, {by: conditions.behind(rise, t) - rise for by, rise in followed.items()}) for t in _LAGS_S]
+        scales, links = (("drives_share", 0.3, slides(followed)),), (("frame_share", 0.3, frame(followed)),)
+        metre = {drive: _PPM * followed[by] for drive, by, _ in slid if by in followed}
+        ends = [(f"{drive.symbol}_metre", 1.0, {channel(drive): change}) for drive, change in metre.items()]
+        ways: dict[str, tuple[_Grows, tuple[_Shape, ...]]] = {"": (lambda by: frame(by) | slides(by), scales)}
+        if slides(followed):
+            ways |= {"_frame_alone": (frame, scales), "_drives_alone": (slides, (*links, *ends))}
+        for which, (changes, beside) in ways.items():
             shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(rises)) for lag_s, rises in late]
-            if len(followed) > 1:
-                shapes += [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
-            if scales:
-                shapes.append(("drives_share", 0.3, scales))
+            shares = [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
+            shapes += [*(shares if len(shares) > 1 else ()), *beside]
             main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-            shaped = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes)
-            yield Form(name if screws else f"{name}_frame_alone", (main, *shaped))
+            shaped = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes if c)
+            if main.changes or not which:
+                yield Form(f"{name}{which}", (main, *shaped))
+
+
+def _parts_of(drive: Drive, conditions: Conditions) -> tuple[str, ...]:
+    """Return what may have a thermometer that says how warm a slide's screw or scale is: its groups, then its link."""
+    groups = (group for group, drives in conditions.robot.groups.items() if drive in drives)
+    return (*groups, conditions.causes.drive_thermometers.get(drive.joint, ""))
