@@ -107,13 +107,13 @@ def calibrate(
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
     noise = noise_beforehand(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
+    used, seen = measured.among(parts.train)
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
-        used, seen = measured.among(parts.train)
         train = rows[used]
         prior = prior_std(rows.model, tolerances, framed=measured.framed)
         noise = noise_left_over(train, seen, first_frames(train, seen), prior, noise, options.fit)
-        measured = measured.with_noise(noise)
+        measured, seen = measured.with_noise(noise), seen.with_noise(noise)
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
@@ -122,7 +122,6 @@ def calibrate(
     def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_parameters(all_parameters(groups))
-        used, seen = measured.among(parts.train)
         train = chosen[used]
         prior = prior_std(chosen.model, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
@@ -142,7 +141,6 @@ def calibrate(
         chosen, fit, after = fitted(())
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    used, seen = measured.among(parts.train)
     shown = -whiten(seen, chosen[used].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     own_frames = [parameter.name for parameter in sessions]

@@ -41,15 +41,13 @@ SHOWN, WIDTH = 6, 60
 
 def gap_table(calibration: CalibrationFindings) -> Table:
     """Return the table of errors: rows, what, RMS, P95 and largest in mm and mrad."""
-    split = calibration.split
+    parts = (("held out", calibration.split.test), ("fitted", calibration.split.train))
     rows: list[Row] = []
-    for name, part in (("held out", split.test), ("fitted", split.train)):
+    for name, part in parts:
         for label, after in (("before", False), ("after", True)):
             misfit = calibration.misfit(part, after=after)
             rows.append((name, label, *_cells(dataclasses.asdict(misfit)), str(misfit.rows)))
-    floors = {
-        _cells(calibration.floor(part)): name for name, part in (("held out", split.test), ("fitted", split.train))
-    }
+    floors = {_cells(calibration.floor(part)): name for name, part in parts}
     # Rows held out may hold other things than those fitted, lines alone beside places: each then has its own.
     rows += [("noise", "floor" if len(floors) == 1 else name, *cells, "–") for cells, name in floors.items()]
     return Table(("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count"), rows)

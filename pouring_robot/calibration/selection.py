@@ -71,8 +71,7 @@ def row_scores(residual: FloatArray, sigma: FloatArray) -> FloatArray:
     ``residual`` is measured minus predicted, (n, K), NaN where missing; ``sigma`` the noise, (K,); both in m and rad.
     """
     squared = (residual / sigma) ** 2
-    of_kind = kind_of(np.arange(len(sigma))) == np.arange(len(KINDS))[:, None]
-    share = of_kind.T.astype(float)
+    share = (kind_of(np.arange(len(sigma)))[:, None] == np.arange(len(KINDS))).astype(float)
     count = np.isfinite(squared) @ share
     return np.where(count > 0.0, np.nan_to_num(squared) @ share / np.maximum(count, 1.0), np.nan)
 

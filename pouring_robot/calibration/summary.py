@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import os
-from typing import Any
 
 import numpy as np
 import scipy.special
@@ -26,9 +25,9 @@ from pouring_robot.exceptions import counted, some
 from pouring_robot.io.figures import without_nan
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.poses import pose_figures
+from pouring_robot.robot.location_figures import Figures
 from pouring_robot.robot.model import RobotModel
 
-Figures = dict[str, Any]
 MODEL = "calibrated.yaml"
 """What the file of the calibrated model is called."""
 _BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
@@ -169,7 +168,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     split, fit = calibration.split, calibration.fit
     lines = parameter_lines(calibration)
     test = np.setdiff1d(split.test, calibration.left_out)
-    content: Figures = {
+    content = {
         "format": "pouring_robot/calibration/1",
         "status": "calibrated" if calibration.changed else "unchanged",
         "rank_deficient": calibration.base.deficient,
@@ -234,8 +233,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "data_flags": [flag.figures(calibration.campaign) for flag in calibration.flags],
         "next": next_measurements(calibration),
     }
-    cleaned: Figures = without_nan(content)
-    return cleaned
+    return dict(without_nan(content))
 
 
 def _in_unit(line: Movement, *names: str) -> Figures:
