@@ -50,8 +50,7 @@ def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
 
 def distinct_poses(campaign: Campaign) -> int:
     """Return how many different poses were commanded; closer than 0.1 mm and 0.1 mrad counts as the same."""
-    drives = campaign.drives[campaign.usable]
-    return len(np.unique(np.round(drives / _SAME_POSE), axis=0)) if len(drives) else 0
+    return len(np.unique(np.round(campaign.drives[campaign.usable] / _SAME_POSE), axis=0))
 
 
 def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
@@ -124,7 +123,7 @@ def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
     drives = campaign.drives[campaign.usable]
-    if len(drives) < FEWEST_FOR_FRAMES or distinct_poses(campaign) < FEWEST_FOR_FRAMES:
+    if distinct_poses(campaign) < FEWEST_FOR_FRAMES:
         return
     for index, name in enumerate(columns.drive_names(campaign.robot)):
         if np.ptp(drives[:, index]) == 0.0:

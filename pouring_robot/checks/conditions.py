@@ -138,7 +138,7 @@ def _pauses(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterato
 
 def _parts(campaign: Campaign) -> tuple[str, ...]:
     """Return the thermometers on the robot that were read, moved or not."""
-    return tuple(name for name in campaign.robot.thermometers if _known(campaign, name).size)
+    return tuple(name for name in campaign.robot.thermometers if name in campaign.conditions)
 
 
 def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
@@ -178,7 +178,7 @@ def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
     hall = campaign.conditions.get(columns.AMBIENT)
-    if hall is None or not np.isfinite(hall).any():
+    if hall is None:
         return
     middle = float(np.nanmedian(hall))
     for scale, degC in _TEMPERATURE_MISTAKES:

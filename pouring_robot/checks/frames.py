@@ -140,12 +140,11 @@ class FrameChecks:
         share = beyond.sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
         wrong: set[str] = set()
         for index in np.argsort(-share, kind="stable").tolist():
-            kind = self.campaign.robot.drives[index].command
+            drive = self.campaign.robot.drives[index]
+            kind, zero = drive.command, drive.zero
             if share[index] < (_SOME_BEYOND if kind in wrong else _MOST_BEYOND):
                 continue
             low, high, values = self._lower[index], self._upper[index], drives[:, index]
-            drive = self.campaign.robot.drives[index]
-            zero = drive.zero
             known = values[np.isfinite(values)] - zero
             if _mostly_within(zero - known, low, high):  # counted the other way
                 # Where limits tell nothing of signs, or another's values would fit, that is tried with the frames.
@@ -218,11 +217,8 @@ class FrameChecks:
             # Without any length nobody knows where the tracker stood.
             severity = Severity.WARNING if seen.any() or self.campaign.distance_m is not None else Severity.ERROR
         figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}
-        self.flags.append(
-            found(
-                self.campaign, FlagCode.NOT_COMPARED, message, turned_only, columns.POSITION, figures, severity=severity
-            )
-        )
+        code, names = FlagCode.NOT_COMPARED, columns.POSITION
+        self.flags.append(found(self.campaign, code, message, turned_only, names, figures, severity=severity))
 
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
@@ -231,8 +227,6 @@ class FrameChecks:
             "whatever the two frames, and no usual mistake of units or frames explains it"
         )
         self._found(FlagCode.NO_AGREEMENT, message, names, {f"misfit_{unit}": misfit})
-
-    # --- positions ---
 
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
@@ -299,8 +293,6 @@ class FrameChecks:
         }
         fewest = min(beyond.values(), default=0.0)
         return _least([one for one in found if beyond.get(one[1], np.inf) <= fewest + _SOME_BEYOND])
-
-    # --- rotations ---
 
     def _rotations(self) -> None:
         if self.fit is None or not self._turns:

@@ -70,10 +70,8 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     single = np.intersect1d(wrong, _not_together(data, fit, apart, campaign.metadata.metres_per_rad))
     steps = list(jumps(campaign, data, fit, single))
-    for row in single if steps else wrong:
-        yield _gross_error(
-            campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row])
-        )
+    for row in (single if steps else wrong).tolist():
+        yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
 
 

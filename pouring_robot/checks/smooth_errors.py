@@ -37,7 +37,7 @@ def base_residuals(
 
     A missing cell is filled by what the other rows say of it; the noise is that of each column.
     """
-    terms, stated = _smooth_terms(campaign, data.poses, with_time=with_time), campaign.metadata
+    terms, stated = _smooth_terms(campaign, data.poses, with_time), campaign.metadata
     seen = [(fit.position_residual_m, stated.sigma_position_m or 1e-6)]
     if fit.rotation_residual_rad is not None:
         seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or 1e-6))
@@ -96,7 +96,7 @@ def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray,
     return errors
 
 
-def _smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True) -> FloatArray:
+def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> FloatArray:
     """Return the terms a smooth error may have, (n, terms), each scaled to its spread; NaN only where no pose is.
 
     Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough. The pose is its
@@ -195,9 +195,7 @@ def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Flo
     """Return coefficients (terms,), leftover of each row judged without itself (n,), and its deviation."""
     known = np.isfinite(values) & np.isfinite(terms).all(axis=1)
     design, target = terms[known], values[known]
-    weight = np.ones(len(design))
-    coefficients = np.zeros(design.shape[1])
-    left, scale, ridge = target.copy(), max(robust_sigma(target), floor, 1e-12), _RIDGE * np.eye(design.shape[1])
+    weight, ridge = np.ones(len(design)), _RIDGE * np.eye(design.shape[1])
     for step in range(20):
         weighted = design * weight[:, None]
         inverse = np.linalg.inv(weighted.T @ design + ridge)

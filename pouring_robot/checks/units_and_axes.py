@@ -249,6 +249,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     drives = campaign.robot.drives
     headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
     places, same = np.arange(len(drives)), np.eye(len(drives))
+    flipped = [np.diag(np.where(places == k, -1.0, 1.0)) for k in places]
 
     def mistake(code: FlagCode, message: str, change: FloatArray, shift: float | FloatArray = 0.0) -> Mistake:
         """Return one of drives; the right values are those given times a matrix, and so much more."""
@@ -264,19 +265,17 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
             several, named = len(concerned) > 1, ", ".join(headings[k] for k in concerned)
             message = f"column{'s' * several} {named} seem{'s' * (not several)} to hold {wrong}"
             yield mistake(FlagCode.DRIVE_UNIT, message, np.diag(np.where(np.isin(places, concerned), factor, 1.0)))
-    for k, drive in enumerate(drives):
-        signs = np.where(places == k, -1.0, 1.0)
-        yield mistake(FlagCode.DRIVE_REVERSED, reversed_words(campaign, drive.column), np.diag(signs))
+    for drive, change in zip(drives, flipped, strict=True):
+        yield mistake(FlagCode.DRIVE_REVERSED, reversed_words(campaign, drive.column), change)
     limits = drawing.mechanism.joint_limits()
     for k, drive in enumerate(drives):
         ends = sum(limits.get(drive.joint, (math.nan,)))
         if drive.unit == "m" and abs(ends) > 0.0:
-            signs = np.where(places == k, -1.0, 1.0)
             message = (
                 f"column {headings[k]} seems to be counted from the other end of the slide "
                 f"(a negative ratio, zero: {ends - drive.zero:.6g})"
             )
-            yield mistake(FlagCode.DRIVE_REVERSED, message, np.diag(signs), ends * (places == k))
+            yield mistake(FlagCode.DRIVE_REVERSED, message, flipped[k], ends * (places == k))
     # Turning drives may count from another zero: controllers, and tables of links, differ by quarter turns.
     turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
     for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):

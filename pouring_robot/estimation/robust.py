@@ -46,9 +46,9 @@ def huber_weights(sizes: FloatArray, bound: float | FloatArray = PRELIMINARY_HUB
     return np.asarray(bound / np.maximum(sizes, bound))
 
 
-def tukey_weights(sizes: FloatArray, bound: float = PRELIMINARY_TUKEY_BOUND) -> FloatArray:
-    """Return Tukey's weights of sizes that are not negative, same shape: none from the bound on, in their unit."""
-    return np.where(sizes < bound, (1.0 - (sizes / bound) ** 2) ** 2, 0.0)
+def tukey_weights(sizes: FloatArray) -> FloatArray:
+    """Return Tukey's weights of sizes, not negative, in robust deviations, same shape: none from the bound on."""
+    return np.where(sizes < PRELIMINARY_TUKEY_BOUND, (1.0 - (sizes / PRELIMINARY_TUKEY_BOUND) ** 2) ** 2, 0.0)
 
 
 @functools.cache
