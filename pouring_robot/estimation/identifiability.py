@@ -10,7 +10,7 @@ kinematic calibration methods*, IJRR 15, 1996) and Sun & Hollerbach (ICRA 2008).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.linalg
@@ -20,7 +20,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 
 Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
-CRITERIA: tuple[Criterion, ...] = ("D", "O1", "O2", "O3", "O4", "O5")
+CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 """Observability indices; D is O1."""
 RANK_TOLERANCE = 1e-9
 """Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
@@ -93,11 +93,8 @@ def base_parameters(
     # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
     weight = np.array([1e3 if name in lead else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
     _, _, pivots = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
-    order = np.asarray(pivots) if rank else np.arange(len(names))
-    kept, dependent = order[:rank], order[rank:]
-    shares: FloatArray = np.zeros((rank, dependent.size))
-    if rank:
-        shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
+    kept, dependent = pivots[:rank], pivots[rank:]
+    shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
     base, unseen = (tuple(names[k] for k in columns) for columns in (np.sort(kept), np.flatnonzero(~seen)))
     return BaseParameters(names, rank, singular, base, _groups(names, kept, dependent, shares, scale), unseen)
 

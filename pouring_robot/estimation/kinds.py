@@ -1,6 +1,6 @@
 """The kinds of what is measured, and the components of a row: their order, what they are called and shown in."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import BoolArray, Indices
 
 Kind = Literal["position", "rotation", "distance", "closure"]
-KINDS: tuple[Kind, ...] = ("position", "rotation", "distance", "closure")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 LENGTHS: tuple[Kind, ...] = ("position", "distance", "closure")
 _FIRST = (0, 3, 6, 7)
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")

@@ -41,11 +41,12 @@ _HARDER, _SOFTER = 4.0, 0.2
 
 
 class Trial(NamedTuple):
-    """A point that was tried, and its cost."""
+    """A point that was tried, the weights of its equations, and its cost."""
 
     unknowns: Unknowns
     prediction: Prediction
     equations: WhitenedEquations
+    weights: FloatArray
     cost: float
 
 
@@ -115,16 +116,15 @@ class Search:
         self.evaluations += 1
         return self.rows.predict(unknowns)
 
-    def _cost(self, unknowns: Unknowns, equations: WhitenedEquations) -> float:
-        cost, _ = robust_terms(equations, self.loss, self.widened)
-        return cost + float(((unknowns.values / self.prior_std) ** 2).sum())
+    def _judged(self, unknowns: Unknowns, equations: WhitenedEquations) -> tuple[FloatArray, float]:
+        cost, weights = robust_terms(equations, self.loss, self.widened)
+        return weights, cost + float(((unknowns.values / self.prior_std) ** 2).sum())
 
     def _take(self, unknowns: Unknowns, prediction: Prediction) -> None:
         self.unknowns = unknowns
         self.equations = whiten(self.measured, self.rows.differentiate(unknowns, prediction))
         self.widened = typical_size(self.equations)
-        self.cost = self._cost(unknowns, self.equations)
-        _, self.weights = robust_terms(self.equations, self.loss, self.widened)
+        self.weights, self.cost = self._judged(unknowns, self.equations)
         self.scaled = self.equations.derivatives * self.prior_std
         weighted = np.sqrt(self.weights)[:, None] * self.scaled
         place = unknowns.values / self.prior_std
@@ -149,8 +149,7 @@ class Search:
         """
         trial = self._trial(step)
         if trial is not None and trial.cost > self.cost - _AS_EXPECTED * self.length(step) ** 2:
-            _, weights = robust_terms(trial.equations, self.loss, self.widened)
-            left = self.scaled.T @ (weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
+            left = self.scaled.T @ (trial.weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
             better = self._trial(step - _solve(self.triangle, left))
             trial = better if better is not None and better.cost < trial.cost else trial
         if trial is None or not trial.cost <= self.cost * (1.0 + 1e-10):
@@ -165,7 +164,7 @@ class Search:
         equations = whiten(self.measured, prediction)
         if equations.rows.size < self.weights.size:
             return None
-        return Trial(unknowns, prediction, equations, self._cost(unknowns, equations))
+        return Trial(unknowns, prediction, equations, *self._judged(unknowns, equations))
 
     def length(self, step: FloatArray) -> float:
         """Return a step's length in standard deviations of the answer, as the scatter of the rows has them."""

@@ -52,11 +52,7 @@ def campaign_and_model(
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
-    """Return a campaign whose sessions all measure from one place, by the present robot; see ``in_one_frame``.
-
-    Raises:
-        CampaignError: a session has too few whole positions to tell where it measured from.
-    """
+    """Return a campaign seen from one place in all sessions, by the present robot; raises as :func:`in_one_frame`."""
     if not campaign.metadata.own_frames:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()

@@ -93,10 +93,9 @@ def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
     weight = np.ones(len(design))
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0.0] = 1.0
-    solution = np.zeros((design.shape[1], target.shape[1]))
     for _ in range(25):
         root = np.sqrt(weight)[:, None]
-        solution = np.linalg.lstsq(root * design / scale, root * target, rcond=1e-9)[0] / scale[:, None]
+        solution: FloatArray = np.linalg.lstsq(root * design / scale, root * target, rcond=1e-9)[0] / scale[:, None]
         misfit = np.linalg.norm(target - design @ solution, axis=1)
         weight = 1.0 / np.maximum(misfit, 1e-3 * np.median(misfit) + 1e-12)
         weight /= weight.max()
