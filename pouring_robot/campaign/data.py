@@ -223,11 +223,7 @@ class Campaign(Result):
         return table, metadata
 
     def contents(self, path: Path) -> dict[Path, bytes]:
-        """Return what the two files of the campaign would hold, by path.
-
-        Raises:
-            OutputError: the suffix is none of a table that is written.
-        """
+        """Return what the two files would hold, by path; raises OutputError of a suffix of no table that is written."""
         return campaign_files(path, self._columns(), self.metadata)
 
     @property

@@ -77,7 +77,6 @@ class CompensatedPath(ReadOnly, Result):
         )
 
     def _table(self) -> Any:
-        """One row a pose, with the units on the headings."""
         scales = np.array([MM, MM, MM, DEG])
         *lengths, angle = DRIVE_COLUMNS
         columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(POSE_COLUMNS)}
@@ -205,7 +204,6 @@ class Controller(ReadOnly, Result):
         )
 
     def _table(self) -> Any:
-        """The largest difference of each drive."""
         units = ("mm", "mm", "mm", "mrad")
         errors = self.drive_error / np.array([MM, MM, MM, MRAD])
         return {"drive": [f"q{k}" for k in range(1, 5)], "unit": units, "largest_error": errors}
