@@ -21,7 +21,6 @@ class PoseStack:
         return int(self.position_m.shape[0])
 
     def __getitem__(self, rows: BoolArray | Indices) -> Self:
-        """Return the poses of the rows given by indices or a mask."""
         return type(self)(self.position_m[rows], self.rotation[rows])
 
     @property

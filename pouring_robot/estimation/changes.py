@@ -46,7 +46,6 @@ class RowChanges:
         return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def __getitem__(self, rows: Indices | BoolArray) -> RowChanges:
-        """Return those of some rows, by index or mask."""
         return RowChanges(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def among(self, rows: Indices, count: int) -> RowChanges:

@@ -80,7 +80,6 @@ class Instrument(ABC):
         return replace(self, **changed)
 
     def __getitem__(self, rows: Indices | BoolArray) -> Self:
-        """Return some rows, by index or mask."""
         return replace(self, **{name: values[rows] for name, values in self._arrays().items()})
 
     def _arrays(self) -> dict[str, Any]:

@@ -268,7 +268,6 @@ class ModelledRows:
         return len(self.drives)
 
     def __getitem__(self, rows: Indices | BoolArray) -> ModelledRows:
-        """Return some rows, by index or mask."""
         index: NDArray[np.int64] = np.arange(len(self))[rows]
         changes = self.changes[index] if self.changes else None
         return ModelledRows(self.model, self.drives[index], self.start[index], self.session[index], changes)

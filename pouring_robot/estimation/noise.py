@@ -54,7 +54,6 @@ class NoiseLevel:
         return cls({"position": Noise(position_m, "stated"), "rotation": rotation})
 
     def __getitem__(self, kind: Kind) -> Noise:
-        """Return the noise of a kind."""
         return self.kinds.get(kind, Noise())
 
     @property

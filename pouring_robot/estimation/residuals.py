@@ -45,7 +45,6 @@ class MeasuredPoses(PoseStack):
         return cls(places.position_m, turns.rotation, 1.0, 1.0, tuple(others)).with_noise(noise)
 
     def __getitem__(self, rows: Indices | BoolArray) -> MeasuredPoses:
-        """Return some rows, by index or mask."""
         others = tuple(instrument[rows] for instrument in self.others)
         return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows], others=others)
 
