@@ -33,11 +33,10 @@ def export(
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
     from pouring_robot.robot.pouring.layout import load_layout, stale_mesh_note
-    from pouring_robot.robot.pouring_robot import robot_of
 
-    built = which.read()
-    options.note(*built.left_out("this command", str(which.model)))
-    closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
+    present = which.built()
+    built = present.model
+    closed = ClosedRobot.of(built, commanded.of(present) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
     options.print_written(reversed(options.write_all(files)))

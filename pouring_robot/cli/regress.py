@@ -40,15 +40,13 @@ def regress(
     """
     from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.regression import report as pages
-    from pouring_robot.thermal.regression.report import by_axis, read_positions
-    from pouring_robot.thermal.regression.report import regress as regressed
     from pouring_robot.thermal.regression.table import ErrorTable
 
     errors = ErrorTable.read_csv(table)
-    names = next(iter(by_axis(errors, axis or "").values())).names
-    positions = read_positions(poses, names) if poses is not None else None
+    names = next(iter(pages.by_axis(errors, axis or "").values())).names
+    positions = pages.read_positions(poses, names) if poses is not None else None
     selector = {"n_clusters": groups, "lambda_cut": cut, "similarity": similarity}
-    found = regressed(errors, positions, axis=axis or "", method=method, **selector)
+    found = pages.regress(errors, positions, axis=axis or "", method=method, **selector)
     written = [found.model().save(out)] if out is not None else []
     if out is not None and found.foreign_inputs:
         options.note(

@@ -22,15 +22,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
     model, limits = mechanism.shared_model, mechanism.joint_limits()
     location = robot.location_in_the_middle()
-    workspace: dict[str, Any] = {}
-    if isinstance(robot, PouringRobot):
-        lower, upper = robot.layout.box
-        workspace["workspace"] = {
-            "position_lower_mm": _rounded(lower[:3] / MM),
-            "position_upper_mm": _rounded(upper[:3] / MM),
-            "tilt": _at_the_edge((lower[3], upper[3]), "rad"),
-        }
-    return {
+    figures: dict[str, Any] = {
         **robot.model.named,
         "mechanism": loops.mechanism,
         "bodies": int(model.nbodies) - 1,
@@ -49,8 +41,15 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
         "campaign_columns": {drive.joint: drive.column for drive in robot.model.definition.drives},
         "displaced_joints": sorted(robot.model.joint_placements),
         "unseen_displacements": list(robot.unseen_displacements),
-        **workspace,
     }
+    if isinstance(robot, PouringRobot):
+        lower, upper = robot.layout.box
+        figures["workspace"] = {
+            "position_lower_mm": _rounded(lower[:3] / MM),
+            "position_upper_mm": _rounded(upper[:3] / MM),
+            "tilt": _at_the_edge((lower[3], upper[3]), "rad"),
+        }
+    return figures
 
 
 def _determined(robot: Robot, location: Location) -> bool:
@@ -86,7 +85,8 @@ def robots(*, which: bundles.Which, as_json: options.AsJson = False) -> None:
     from pouring_robot.robot.pouring.layout import layout_names
     from pouring_robot.robot.pouring_robot import robot_of
 
-    chosen = [which.built()] if which.given else [robot_of(RobotModel(layout=name)) for name in layout_names()]
+    named = which != bundles.Which()
+    chosen = [which.built()] if named else [robot_of(RobotModel(layout=name)) for name in layout_names()]
     figures = [robot_figures(one) for one in chosen]
     if as_json:
         return options.print_json(figures)

@@ -38,17 +38,14 @@ def sensitivity(
     from pouring_robot.io.units import DEG, MM, MRAD
     from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import sensitivity as studied
-    from pouring_robot.sensitivity.report import Request
 
-    def scaled(limits: Pair, unit: float) -> tuple[float, float] | None:
-        return None if limits is None else (limits[0] * unit, limits[1] * unit)
-
-    request = Request(
+    limits = zip((x_mm, y_mm, z_mm, tilt_deg), (MM, MM, MM, DEG), strict=True)
+    request = report.Request(
         poses=poses,
         seed=seed,
         length_m=length_mm * MM,
         angle_rad=angle_mrad * MRAD,
-        box=(*(scaled(limits, MM) for limits in (x_mm, y_mm, z_mm)), scaled(tilt_deg, DEG)),  # type: ignore[arg-type]  # four
+        box=tuple(pair and (pair[0] * unit, pair[1] * unit) for pair, unit in limits),  # type: ignore[arg-type]  # four
         parameters=tuple(parameters or ()),
         frame=frame,
         limit_m=limit_mm * MM,

@@ -100,15 +100,15 @@ def _ladle(
     from pouring_robot.compensation.pose import commands_csv
     from pouring_robot.compensation.pose import compensate as compensated
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
-    from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
 
     def bring(command: Command, standing: Robot) -> Compensation:
-        if not isinstance(command, PlatformPose) or not isinstance(standing, PouringRobot):
+        if not isinstance(command, PlatformPose):
             raise BadInputError("a ladle is brought to a pose: give --at-mm and --tilt-deg")
-        return compensated(heated.built_as(standing), command, asked.frame, law.moves_m(command) if law else None)
+        built = heated.built_as(options.with_melt(standing))
+        return compensated(built, command, asked.frame, law.moves_m(command) if law else None)
 
     found = _each(asked, robot, wanted, under, bring)
     written = options.written(asked.out, lambda: commands_csv(found))
@@ -162,7 +162,6 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
 
 
 def _print_commands(found: Sequence[Compensation]) -> None:
-    """Print one row a pose: what is wanted, and what to command."""
     from pouring_robot.io.units import MM
     from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 

@@ -14,12 +14,13 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.mechanism.arrays import FloatArray
-    from pouring_robot.robot.location import Location
+    from pouring_robot.robot.location import LadleLocation, Location
     from pouring_robot.robot.robot import Command, Robot
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, PoseShares, WarmState
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
@@ -40,40 +41,35 @@ class ThermalLaw:
         """Return what heat adds to the platform's position at a commanded pose, shape (3,), in m."""
         return self.model.displacement_m(self.melt_degC, _inputs(pose))
 
-    def words(self, *poses: Command) -> str:
+    def words(self, *poses: PlatformPose) -> str:
         """Return where it comes from, what it does not know, and what of poses lies beyond what it was fitted to."""
         said = [f"thermal model of {self.model.source}", f"melt {self.melt_degC:g} degC"]
         if self.heat.after_min is not None or self.heat.ambient_degC is not None:
             said.append("whatever the time and the surroundings")
-        inputs = [_inputs(pose) for pose in poses if isinstance(pose, PlatformPose)]
-        beyond = dict.fromkeys(words for one in inputs for words in self.model.beyond(self.melt_degC, one))
+        beyond = dict.fromkeys(words for pose in poses for words in self.model.beyond(self.melt_degC, _inputs(pose)))
         return ", ".join(said) + (f", BEYOND what it was fitted to: {', '.join(beyond)}" if beyond else "")
 
-    def sum_mm(self, robot: Robot, command: Command, full: Location) -> dict[str, list[float]]:
+    def sum_mm(self, robot: Robot, full: LadleLocation) -> dict[str, list[float]]:
         """Return theory, geometry, heat, their sum (the paper's Fig. 13) and the full closure, in mm."""
-        if not isinstance(command, PlatformPose):
-            raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
-        end = full.loops.end_frame or ""
+        pose, end = full.commanded, full.loops.end_frame
         parts: dict[str, FloatArray] = {
-            "theory": np.array(command.position_m),
-            "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
-            "heat": self.moves_m(command),
+            "theory": np.array(pose.position_m),
+            "geometry": np.asarray(robot.location_of(pose).difference(end).translation_m),
+            "heat": self.moves_m(pose),
         }
         parts["sum"] = sum(parts.values(), start=np.zeros(3))
         parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
         parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
         return {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}
 
-    def print_sum(self, pose: Command, parts: dict[str, list[float]]) -> None:
+    def print_sum(self, robot: Robot, full: LadleLocation) -> None:
         """Print it beside the full closure."""
-        from pouring_robot.io.figures import decimals
-
         rows = [
             (name.replace("_", " "), *(decimals(value, 3, sign=True) for value in shift))
-            for name, shift in parts.items()
+            for name, shift in self.sum_mm(robot, full).items()
         ]
         # A title of the table would be broken at the table's width.
-        say(f"the paper's sum for the platform, mm; {self.words(pose)}", style="italic")
+        say(f"the paper's sum for the platform, mm; {self.words(full.commanded)}", style="italic")
         print_table(("", "x", "y", "z"), rows)
 
 
@@ -160,8 +156,6 @@ class Warmth:
 
 def _share_figures(shares: PoseShares) -> dict[str, Any]:
     """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
-    from pouring_robot.robot.location_figures import difference_figures
-
     told: dict[str, Any] = {
         name: difference_figures(getattr(shares, name)) for name in ("geometry", "heat", "together")
     }

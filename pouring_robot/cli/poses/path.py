@@ -65,7 +65,7 @@ def path(
 
     found = bundles.each(commanded, robots, poses, "closing", locate)
     locations = [one.location for one in found]
-    notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
+    notes = places.location_notes(present, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(present, warmth))
     notes += drawing.unlike_the_tree(locations, present.model, warm=heated is not None)
     rows = [_row(location) for location in locations]
@@ -117,7 +117,7 @@ def _at_once(
     written = options.written(out, lambda: rows_csv(rows))
     joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
     written += drawing.write_joints(joints)
-    notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model) if joints and heat else []
+    notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model, warm=heat is not None)
     if as_json:
         return options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
     _print(robot, rows, notes, written, in_file=out is not None)

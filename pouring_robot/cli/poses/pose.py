@@ -31,20 +31,21 @@ def pose(
     found, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
-    notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
+    notes = locations.location_notes(found, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(built, given))
     notes += drawing.unlike_the_tree([location], built.model, warm=heated is not None)
     written = drawing.write([location], built.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}
-        sums = {}
-        if law:
-            sums = {"thermal_model": law.words(command), "paper_sum_mm": law.sum_mm(present, command, location)}
-        return options.print_json(figures | warmth.figures() | sums)
+        figures |= warmth.figures()
+        if law and warmth.warm:
+            full = warmth.warm[1].location
+            figures |= {"thermal_model": law.words(full.commanded), "paper_sum_mm": law.sum_mm(present, full)}
+        return options.print_json(figures)
     locations.print_location(location)
     warmth.print()
-    if law:
-        law.print_sum(command, law.sum_mm(present, command, location))
+    if law and warmth.warm:
+        law.print_sum(present, warmth.warm[1].location)
     locations.print_closure_note(location, dexterity, weakness, notes)
     options.print_written(written)

@@ -165,9 +165,8 @@ def thermal(
     written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.report.plots import png_of
-        from pouring_robot.thermal.page import pose_picture, shift_picture
 
-        picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
+        picture = page.pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else page.shift_picture(drawn, title)
         written.append(write_whole(png, png_of(picture)))
     if report:
         written.append(write_whole(report, page.html_report(found, drawn, title, told)))

@@ -8,14 +8,17 @@ import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
 from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared.options import opt, writes
 from pouring_robot.exceptions import BadInputError, NoSolutionError, OutputError, PathPoseError
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.export.joints import JointRow
@@ -34,11 +37,6 @@ class Which:
     model: options.ModelFile = None
     robot: options.RobotFile = None
     layout: options.LayoutName = None
-
-    @property
-    def given(self) -> bool:
-        """Whether any option says."""
-        return self != Which()
 
     def read(self) -> RobotModel:
         """Return the model of a model file, or the drawing of a robot file or of a layout.
@@ -114,7 +112,10 @@ class Commanded:
 class Under:
     """Under which conditions it works."""
 
-    condition: options.Conditions = None
+    condition: Annotated[
+        list[str] | None,
+        opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
+    ] = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
         """Return the commands of a table, by the line they stand on; conditions may stand beside them.
@@ -213,10 +214,16 @@ def each(
 class Melt:
     """How warm it is."""
 
-    melt_degC: options.MeltDegC = None
-    ambient_degC: options.AmbientDegC = None
-    steady: options.Steady = False
-    after_min: options.AfterMin = None
+    melt_degC: Annotated[
+        float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")
+    ] = None
+    ambient_degC: Annotated[
+        float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")
+    ] = None
+    steady: Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")] = False
+    after_min: Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")] = (
+        None
+    )
 
     def of(self, robot: Robot) -> HeatSection | None:
         """Return how warm this robot is, over what its model file says; None: cold."""
@@ -242,17 +249,17 @@ class Melt:
 class Heat(Melt):
     """How warm it is, if at all."""
 
-    cold: options.Cold = False
+    cold: Annotated[bool, opt("Leave out the heat that the model file tells of.", "--cold")] = False
 
 
 @dataclass(frozen=True)
 class Drawing:
     """What is drawn and written of locations."""
 
-    html: options.HtmlFile = None
+    html: Annotated[Path | None, writes("Write a self-contained meshcat page.")] = None
     png: options.PngFile = None
     exaggerate: options.Exaggeration = None
-    joints: options.JointsFile = None
+    joints: Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")] = None
 
     def write(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> list[Path]:
         """Write what was asked for, and return the files."""
@@ -285,27 +292,22 @@ class Drawing:
         return options.written(self.joints, lambda: joints_text(rows, self.joints or Path()))
 
     def unlike_the_tree(self, locations: Sequence[Location], model: RobotModel, *, warm: bool) -> list[str]:
-        """Say in a line by how much the exported tree misses a robot that is warm or under conditions.
-
-        Nothing if joint values were not asked for.
-        """
-        if self.joints is None or not (warm or model.conditional):
-            return []
-        import numpy as np
-
+        """Say in a line by how much the exported tree misses a robot that is warm or under conditions."""
         frame = model.definition.loops.working_frame
-        tips = np.array([one.poses(frame)[1].translation for one in locations])
-        return self.tree_notes(self._joint_rows(locations, model), tips, model)
+        tips_m = [one.poses(frame)[1].translation for one in locations]
+        return self.tree_notes(self._joint_rows(locations, model), tips_m, model, warm=warm)
 
-    def tree_notes(self, rows: Sequence[JointRow], tips_m: FloatArray, model: RobotModel) -> list[str]:
+    def tree_notes(self, rows: Sequence[JointRow], tips_m: ArrayLike, model: RobotModel, *, warm: bool) -> list[str]:
         """Say the same of rows of its joints whose tips are known, (n, 3), in m."""
+        if not rows or not (warm or model.conditional):
+            return []
         import numpy as np
 
         from pouring_robot.io.units import MM
         from pouring_robot.robot.export.closed import ClosedRobot
 
         tree = ClosedRobot.of(model)
-        off = np.linalg.norm(tree.tips_m(row.values for row in rows) - tips_m, axis=1)
+        off = np.linalg.norm(tree.tips_m(row.values for row in rows) - np.asarray(tips_m), axis=1)
         words = "robot under conditions", "leaves them out"
         robot, does = words if model.conditional else ("warm robot", "is cold")
         return [
@@ -341,17 +343,16 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
         own, annotations = inspect.signature(hints[name]).parameters, get_type_hints(hints[name], include_extras=True)
         flat |= {n: p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=annotations[n]) for n, p in own.items()}
         bundles[name] = (hints[name], list(own))
-    added = {"quiet": options.Quiet, "overwrite": options.Overwrite}
     outputs = {name for name, parameter in flat.items() if options.is_output(parameter.annotation)}
-    if not outputs:
-        del added["overwrite"]
+    added = {"quiet": options.Quiet} | ({"overwrite": options.Overwrite} if outputs else {})
     for name, annotation in added.items():
         flat[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
 
     @functools.wraps(command)
     def spread(**given: Any) -> None:
-        for name in added:
-            del given[name]
+        options.QUIET.set(given.pop("quiet"))
+        if outputs:
+            del given["overwrite"]
         _refuse_inputs(given, outputs)
         whole = {name: kind(**{field: given.pop(field) for field in own}) for name, (kind, own) in bundles.items()}
         command(**given, **whole)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from pouring_robot.cli.shared.bundles import Drawing
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.io.figures import decimals
@@ -14,8 +15,8 @@ from pouring_robot.robot.location_figures import rotation_deg
 from pouring_robot.robot.robot import Robot
 
 
-def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> list[str]:
-    return [decimals(value, digits, sign=sign) for value in values]
+def _cells(values: Iterable[float], *, sign: bool = False) -> list[str]:
+    return [decimals(value, 3, sign=sign) for value in values]
 
 
 def print_location(location: Location) -> None:
@@ -40,14 +41,14 @@ def print_location(location: Location) -> None:
     print_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad", bold=errors)
 
 
-def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
+def location_notes(robot: Robot, drawing: Drawing, model_file: Path | None) -> list[str]:
     """Return what a user should know of model and picture before reading the figures, one line each."""
     notes = []
     if robot.model.is_drawing and not robot.model.conditional:
         reason = "the model file holds no errors" if model_file else "no model file was given"
         notes.append(f"{reason}, so the robot as built is the drawing{'' if model_file else '; see --model'}")
     notes += [unseen_note(joint) for joint in robot.unseen_displacements]
-    return [*notes, *robot.picture_notes] if html or png else notes
+    return [*notes, *robot.picture_notes] if drawing.html or drawing.png else notes
 
 
 def unseen_note(joint: str) -> str:

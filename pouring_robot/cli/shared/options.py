@@ -34,11 +34,6 @@ QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", d
 _OUTPUTS = f"{__name__}.outputs"
 
 
-def _be_quiet(wanted: bool) -> bool:
-    QUIET.set(wanted)
-    return wanted
-
-
 def _may_overwrite(wanted: bool) -> bool:
     OVERWRITE.set(wanted)
     return wanted
@@ -172,26 +167,13 @@ AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
 CampaignFile = Annotated[Path, argument("CAMPAIGN", "CSV or Parquet table; the YAML of the same stem lies beside it.")]
 TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the shipped).")]
 HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
-HtmlFile = Annotated[Path | None, writes("Write a self-contained meshcat page.")]
 ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
 PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
 AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")]
-JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
 Exaggeration = Annotated[float | None, opt("Draw errors at this many times their size.", metavar="FACTOR")]
-MeltDegC = Annotated[float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")]
-AmbientDegC = Annotated[
-    float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")
-]
-Steady = Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")]
-AfterMin = Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")]
 ThermalModelFile = Annotated[Path | None, reads("What heat adds by a regression, from 'regress --out'.")]
-Cold = Annotated[bool, opt("Leave out the heat that the model file tells of.", "--cold")]
-Conditions = Annotated[
-    list[str] | None,
-    opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
-]
 Overwrite = Annotated[bool, opt("Replace files that are there.", "--overwrite", is_eager=True, callback=_may_overwrite)]
-Quiet = Annotated[bool, opt("Print nothing but errors and JSON.", "--quiet", "-q", is_eager=True, callback=_be_quiet)]
+Quiet = Annotated[bool, opt("Print nothing but errors and JSON.", "--quiet", "-q")]
 
 
 def with_melt(robot: Robot) -> PouringRobot:
