@@ -70,7 +70,7 @@ class CalibrationFindings(Result):
     @property
     def std(self) -> FloatArray:
         """Standard deviation of each unknown, shape (12 + P,), in m and rad, inflation included."""
-        return self.fit.std * self.inflation
+        return np.asarray(np.sqrt(np.diagonal(self.fit.inflated_covariance)))
 
     @property
     def correlation(self) -> FloatArray:
@@ -216,14 +216,14 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
 
     Combinations with an outer frame in them say nothing of the robot.
     """
-    base, fit = calibration.base, calibration.fit
+    base, fit, covariance = calibration.base, calibration.fit, calibration.fit.inflated_covariance
     # The frames, those of sessions with frames of their own too.
     outer = (*base.names[:FRAMES], *(name for name in base.names[FRAMES:] if name.startswith(SESSION)))
     lines = []
     for combination in robot_combinations(base, outer):
         shares = np.array([combination.get(name, 0.0) for name in base.names])
         unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
-        std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
+        std = float(np.sqrt(shares @ covariance @ shares))
         prior = float(np.linalg.norm(shares * fit.prior_std))
         value = float(shares @ fit.unknowns.values)
         lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))

@@ -1,9 +1,9 @@
 """95 % intervals, of normal values, in figures and as text: those of a calibration and those of a diagnosis.
 
-Where standard deviations come from: of all unknowns of a calibration, ``covariance`` of a
-:class:`~pouring_robot.estimation.map_fit.Fit` and, where more is left over than noise, its ``inflation``; of the ladle,
-these carried to the lip (:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects,
-``Diagnoser.parameters_of`` (:mod:`pouring_robot.diagnosis.diagnoser`).
+Where standard deviations come from: of all unknowns of a calibration, ``inflated_covariance`` of a
+:class:`~pouring_robot.estimation.map_fit.Fit`; of the ladle, that carried to the lip
+(:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects, ``Diagnoser.parameters_of``
+(:mod:`pouring_robot.diagnosis.diagnoser`).
 """
 
 import math

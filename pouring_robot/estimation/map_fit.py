@@ -124,6 +124,11 @@ class Fit:
         accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, self.chi_square()) >= _SURE
         return 1.0 if accident else self.scatter()
 
+    @property
+    def inflated_covariance(self) -> FloatArray:
+        """Covariance of all unknowns with the inflation in it, (12 + P, 12 + P), in m and rad: what users are told."""
+        return self.covariance * self.inflation**2
+
 
 def identify(
     rows: ModelledRows,
