@@ -70,9 +70,7 @@ def plan(
         criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
         noise=NoiseLevel.stated(sigma_mm * 1e-3, sigma_rad),
         target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
-        priors=(Tolerances.load(tolerances) if tolerances else Tolerances.of(present.model.definition))
-        if priors
-        else None,
+        priors=Tolerances.load(tolerances or present.model.definition.tolerances_file) if priors else None,
         both_sides=both_sides,
         loads_kg=tuple(loads or ()),
         leg_degC=tuple(temperatures or ()),

@@ -22,6 +22,7 @@ from pouring_robot.robot.description.urdf import description_folder, perturb_urd
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.tolerances import Tolerances
 from tests.support import ROOT, displacement
 
 ROBOTS = ROOT / "examples" / "robots"
@@ -322,6 +323,19 @@ def test_what_is_exported_is_a_robot_again(name, tmp_path):
     assert again.loops.loops == model.definition.loops.loops
     assert again.drives == model.definition.drives
     assert again.mechanism().shared_model.nq == model.mechanism().shared_model.nq
+
+
+def test_what_is_exported_has_the_robots_own_tolerances(arm):
+    (arm.parent / "shop").mkdir()
+    shutil.copy(ROOT / "examples" / "machines" / "hangprinter" / "tolerances.yaml", arm.parent / "shop" / "own.yaml")
+    arm.write_text(FILE + "tolerances: shop/own.yaml\n", encoding="utf-8")
+    beside = RobotDefinition.load(arm).files_beside()
+    for name, content in beside.items():
+        (arm.parent / "shop" / name).write_bytes(content)
+    (arm.parent / "shop" / "own.yaml").unlink()
+    shutil.copy(arm.parent / "arm.urdf", arm.parent / "shop" / "two_joints.urdf")
+    again = RobotDefinition.load(arm.parent / "shop" / "robot.yaml")
+    assert Tolerances.of(again).kinds.joint_centre.std == 50.0  # mm; the shipped ones say 1
 
 
 def test_load_robot_says_how_another_robot_is_loaded():

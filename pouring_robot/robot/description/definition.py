@@ -25,6 +25,7 @@ import numpy as np
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
+from pouring_robot.io.files import read_text
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.typed_yaml import validate, yaml_text
 from pouring_robot.io.units import joint_shown_in
@@ -233,11 +234,13 @@ class RobotDefinition:
         return _MEASURED_FIT * self.reach_m
 
     def files_beside(self) -> dict[str, bytes]:
-        """Return what makes the exported URDF a robot again, by file name: its robot file."""
+        """Return what makes the exported URDF a robot again, by file name: its robot file, and its own tolerances."""
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
-        content = {**said, "urdf": f"{robot_name(parsed(self.urdf()))}.urdf", **own}
-        return {"robot.yaml": yaml_text(content).encode()}
+        beside = {} if self.tolerances_file is None else {"tolerances": read_text(self.tolerances_file).encode()}
+        names = {key: f"{key}.yaml" for key in beside}
+        content = {**said, "urdf": f"{robot_name(parsed(self.urdf()))}.urdf", **own, **names}
+        return {"robot.yaml": yaml_text(content).encode()} | {names[key]: text for key, text in beside.items()}
 
     @property
     def drive_columns(self) -> tuple[Quantity, ...]:
