@@ -92,8 +92,8 @@ class Planner:
         if not kept:
             some = f"{', '.join(self.left_out[:4])}{' …' if len(self.left_out) > 4 else ''}"
             raise BadInputError(
-                f"measurements show none of the parameters ({some}): the frames of tracker and target do the same; "
-                "name others, or all of the geometry (--parameters geometry)"
+                f"measurements show none of the parameters ({some}): the frames of tracker and target do the same"
+                f"{'' if self.request.parameters else '; name others, or all of the geometry (--parameters geometry)'}"
             )
         self.parameters = tuple(asked[k] for k in kept)
         self.columns = Columns(robot, self.parameters)

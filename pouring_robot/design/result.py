@@ -200,7 +200,7 @@ def plot(plan: MeasurementPlan) -> bytes:
     figure = new_figure(11.0, 10.5, dpi=120)
     lower, upper = np.sort(_shown(plan.axes, np.array(command_box(plan.axes))), axis=0)
     high = min(2, len(plan.axes) - 1)
-    shown = [k for k in range(len(plan.axes)) if k != high][:3]
+    shown = [k for k in range(len(plan.axes)) if k != high][:3] or [high]  # one drive alone: against itself
     names = [axis.heading.replace("_", " [") + "]" for axis in plan.axes]
     above, below = "XYT"[: len(shown)], "AB"[: len(shown)]
     mosaic = "XYTT;AABB" if len(shown) == 3 else f"{above};{below}"
@@ -213,8 +213,7 @@ def plot(plan: MeasurementPlan) -> bytes:
         _points(sights[key], plan, across, up)
         sights[key].set(xlabel=names[axis], ylabel=names[high])
         sights[key].grid(alpha=0.25)
-    handles, labels = sights["X"].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(*sights["X"].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     grid, std = _shown(plan.axes, plan.quality.ladle_poses), plan.quality.ladle_position_std_m / MM
     for key, axis in zip(below, (shown[-1], shown[0]), strict=False):
         if isinstance(plan.robot, PouringDefinition):

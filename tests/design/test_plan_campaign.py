@@ -1,12 +1,13 @@
 """The plan as a function of the library."""
 
+import numpy as np
 import pytest
 
 from pouring_robot import BadInputError, PlanRequest, Robot, plan_campaign
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.design.planning import Planner, compare_with_random
 from pouring_robot.design.result import plot
-from tests.support import ROOT
+from tests.support import ROOT, gantry_file
 
 
 def test_a_plan_is_as_large_as_asked(drawing):
@@ -19,6 +20,21 @@ def test_what_does_not_exist_is_refused(drawing):
         plan_campaign(drawing, PlanRequest(parameters=("nothing",)))
     with pytest.raises(BadInputError, match=r"give a Robot, as load_robot and .* not a str"):
         plan_campaign("robot.yaml")
+
+
+def test_one_drive_alone_is_planned_and_drawn(tmp_path):
+    """Of a slide only its backlash shows, by two sides of k of n poses: as the difference of two means tells it."""
+    path = gantry_file(tmp_path)
+    text = path.read_text(encoding="utf-8").replace("end_frame: z", "end_frame: x")
+    path.write_text(f"{text.partition('drives:')[0]}drives: [{{joint: x_slide}}]\n", encoding="utf-8")
+    n, k = 6, 2
+    plan = plan_campaign(Robot.load(path), PlanRequest(poses=n, both_sides=k, candidates=60, starts=1))
+    assert [p.name for p in plan.parameters] == ["backlash.x_slide"]
+    assert plan.quality.parameter_std == pytest.approx(5e-5 * np.sqrt(1.0 / n + 1.0 / k))
+    assert plot(plan).startswith(b"\x89PNG")
+    for asked, words in (((), "name others, or all"), (("geometry",), "do the same$")):
+        with pytest.raises(BadInputError, match=words):
+            plan_campaign(Robot.load(path), PlanRequest(parameters=asked, reduce=True, candidates=60))
 
 
 def test_another_robot_is_planned_by_its_drives(tmp_path):
