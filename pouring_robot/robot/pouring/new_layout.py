@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
+import yaml
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
@@ -50,15 +51,18 @@ class NewLayout:
     stroke_mm: Pair | None = None  # shortest and longest leg; None: what the workspace needs
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier():
-            raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _")
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name in ("fixed_mm", "moving_mm", "payload_kg", "tare_kg"):
-                if not (np.isfinite(value).all() and np.min(value) > 0.0):
-                    raise BadInputError(f"{one.name}: sizes and masses are above zero, not {value}")
-            elif isinstance(value, tuple) and not (np.isfinite(value).all() and value[0] < value[1]):
-                raise BadInputError(f"{one.name}: give the lower end first, not {value[0]:g} to {value[1]:g}")
+        if not self.name.isidentifier() or yaml.safe_load(self.name) != self.name:  # a switch to xacro's YAML
+            raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _, none such as 'on'")
+        for name in ("fixed_mm", "moving_mm", "stroke_mm", "payload_kg", "tare_kg"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value).all() and np.min(value) > 0.0):
+                raise BadInputError(f"{name}: sizes and masses are above zero, not {value}")
+        for name in ("x_mm", "y_mm", "z_mm", "tilt_deg", "stroke_mm"):
+            low, high = getattr(self, name) or (0.0, 1.0)
+            if not -math.inf < low < high < math.inf:
+                raise BadInputError(f"{name}: give the lower end first, not {low:g} to {high:g}")
+        if self.z_mm[1] >= 0.0:
+            raise BadInputError(f"z_mm: the platforms meet at z = 0, below {self.z_mm[1]:g} mm; lower z")
 
     @classmethod
     def usual(cls) -> Self:
