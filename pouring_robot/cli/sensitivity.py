@@ -61,8 +61,7 @@ def sensitivity(
     options.say(found.headline, style="bold")
     table = report.errors_table(found)
     title = "each error alone" + (": closed robot, and the open branch of eq. 5" if len(found.samples) > 1 else "")
-    beyond = "weaker ones (--out DIR, --json)"
-    print_table(table.head, table.rows, (0, 1, 6), title=title, most=_SHOWN, beyond=beyond)
+    print_table(table.head, table.rows, (0, 1, 6), title=title, most=_SHOWN, beyond="weaker ones (--out DIR, --json)")
     controls = report.control_lines(found)
     for line in controls[:_PARTS_SHOWN]:
         options.print_indented(line)

@@ -110,7 +110,8 @@ def _transfers(
             opened.append(chains.transfer_open_branch(found.joints, wanted))
         progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
     if any(transfer.status.any() for transfer in closed + opened):
-        raise NoSolutionError("the drives do not determine the robot at a pose of the workspace; narrow the range")
+        mend = "name all that is driven, or narrow the range of poses, of another robot its joints' limits"
+        raise NoSolutionError(f"the drives do not determine the robot at a pose of the workspace; {mend}")
     rotation = np.concatenate(rotations)
     kinds: dict[Kind, list[BatchTransfer]] = {"closed chain": closed, "open branch": opened}
     return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in kinds.items() if found]

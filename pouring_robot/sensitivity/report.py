@@ -49,7 +49,7 @@ class Request:
     def __post_init__(self) -> None:
         if self.poses < 2 or self.seed < 0:
             raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
-        if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and self.limit_m > 0.0):
+        if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and 0.0 < self.limit_m < math.inf):
             raise BadInputError("errors and limit must be positive, errors below 100 mm and 500 mrad")
         for limits, said in zip(filter(None, self.box), ranges(self.box), strict=True):
             if not -math.inf < limits[0] <= limits[1] < math.inf:

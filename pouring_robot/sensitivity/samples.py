@@ -84,9 +84,8 @@ def short_label(parameter: Parameter | DHParameter) -> str:
 
 def peak(values: FloatArray) -> tuple[float, float, float]:
     """Return the centre of the fullest bin, the share of values within 2 % of it, and that over an even share."""
-    edges = np.arange(np.floor(values.min() / _BIN_M) - 1.0, np.ceil(values.max() / _BIN_M) + 2.0) * _BIN_M
-    place = int(np.histogram(values, edges)[0].argmax())
-    centre = float(edges[place] + 0.5 * _BIN_M)
+    bins, counts = np.unique(np.floor(values / _BIN_M), return_counts=True)  # near a singular pose they lie far apart
+    centre = (float(bins[counts.argmax()]) + 0.5) * _BIN_M
     band = max(_BAND * abs(centre), 0.5 * _BIN_M)
     share = float(np.mean(np.abs(values - centre) < band))
     return centre, share, share / (2.0 * band / max(float(np.ptp(values)), 2.0 * band))

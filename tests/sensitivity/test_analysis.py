@@ -12,8 +12,9 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.sensitivity.analysis import sensitivity
 from pouring_robot.sensitivity.report import Request
+from pouring_robot.sensitivity.samples import peak
 from scripts.paper.geometry.study import run_study
-from tests.support import ROOT
+from tests.support import ROOT, gantry_file
 
 DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
 
@@ -116,6 +117,7 @@ def test_poses_out_of_reach_are_said():
     [
         ({"poses": 1}, "two poses"),
         ({"angle_rad": 1.0}, "below 100 mm and 500 mrad"),
+        ({"limit_m": np.inf}, "errors and limit must be positive"),
         ({"box": ((0.1, -0.1), None, None, None)}, "run upwards and be finite, unlike x from 100 to -100 mm"),
         ({"box": (None, None, None, (0.0, np.inf))}, "unlike tilt from 0 to inf deg"),
     ],
@@ -129,6 +131,19 @@ def test_a_range_out_of_reach_is_said_in_the_users_units():
     said = "0 of 20 poses drawn within x from 3000 to 4000 mm are in reach; the workspace of 'paper' is x from -150 to"
     with pytest.raises(NoSolutionError, match=said):
         sensitivity(None, Request(poses=20, box=((3.0, 4.0), None, None, None)))
+
+
+def test_the_fullest_bin_is_found_among_values_that_lie_far_apart():
+    """Near a singular pose an error moves a robot by any length; bins up to there would fill any memory."""
+    place, share, _ = peak(np.array([1e-3] * 6 + [2e-3] * 3 + [1e6]))
+    assert place == pytest.approx(1e-3, abs=5e-6) and share == pytest.approx(0.6)
+
+
+def test_a_joint_that_nothing_drives_is_told_with_the_mend(tmp_path):
+    path = gantry_file(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("{joint: y_slide}, ", ""), encoding="utf-8")
+    with pytest.raises(NoSolutionError, match="name all that is driven"):
+        sensitivity(path, Request(poses=5))
 
 
 def test_ranges_are_for_the_pouring_robot():
