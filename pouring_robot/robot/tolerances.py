@@ -67,8 +67,7 @@ class Tolerances(StrictModel):
     @classmethod
     def of(cls, robot: RobotDefinition) -> Self:
         """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
-        own = robot.file.tolerances
-        return cls.load(None if own is None else robot.path.parent / own)
+        return cls.load(robot.tolerances_file)
 
     def std(self, parameters: Sequence[GeometricParameter], robot: RobotDefinition) -> FloatArray:
         """Return the standard deviations of parameters of a robot, shape (P,), in m and rad."""

@@ -243,6 +243,11 @@ class RobotDefinition:
         return {"robot.yaml": yaml_text(content).encode()} | {names[key]: text for key, text in beside.items()}
 
     @property
+    def tolerances_file(self) -> Path | None:
+        """The robot's own tolerances; None: the shipped ones."""
+        return None if self.file.tolerances is None else self.path.parent / self.file.tolerances
+
+    @property
     def drive_columns(self) -> tuple[Quantity, ...]:
         """The columns of the drives in a table, as they are commanded."""
         words = {("m", "angle"): "the angle of the motor, which this column holds for the slide"}
