@@ -169,20 +169,21 @@ class LinksGrowth(Family):
             return {channel(drive): _PPM * travel * rises[by] for drive, by, travel in slid if by in rises}
 
         late = [(t, {by: conditions.behind(rise, t) - rise for by, rise in followed.items()}) for t in _LAGS_S]
-        scales, links = (("drives_share", 0.3, slides(followed)),), (("frame_share", 0.3, frame(followed)),)
-        metre = {drive: _PPM * followed[by] for drive, by, _ in slid if by in followed}
-        ends = [(f"{drive.symbol}_metre", 1.0, {channel(drive): change}) for drive, change in metre.items()]
-        ways: dict[str, tuple[_Grows, tuple[_Shape, ...]]] = {"": (lambda by: frame(by) | slides(by), scales)}
-        if slides(followed):
-            ways |= {"_frame_alone": (frame, scales), "_drives_alone": (slides, (*links, *ends))}
-        for which, (changes, beside) in ways.items():
+        ends = {drive: {channel(drive): _PPM * followed[by]} for drive, by, _ in slid if by in followed}
+        held = [EffectParameter(f"{d.symbol}_metre", "1e-6/K", prior_std, change) for d, change in ends.items()]
+        scales, links = ("drives_share", 0.3, slides(followed)), ("frame_share", 0.3, frame(followed))
+        ways: dict[str, tuple[_Grows, _Shape, list[EffectParameter]]]
+        ways = {"": (lambda rises: frame(rises) | slides(rises), scales, held)}
+        if ends:
+            ways |= {"_frame_alone": (frame, scales, []), "_drives_alone": (slides, links, held)}
+        for which, (changes, beside, more) in ways.items():
             shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(rises)) for lag_s, rises in late]
-            shares = [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
-            shapes += [*(shares if len(shares) > 1 else ()), *beside]
+            if len(followed) > 1:
+                shapes += [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
             main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-            shaped = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, s, c in shapes if c)
+            shaped = [(n, "1e-6/K", s * prior_std, c) for n, s, c in (*shapes, beside) if c]
             if main.changes or not which:
-                yield Form(f"{name}{which}", (main, *shaped))
+                yield Form(f"{name}{which}", (main, *more, *(EffectParameter(*one, main=False) for one in shaped)))
 
 
 def _parts_of(drive: Drive, conditions: Conditions) -> tuple[str, ...]:
