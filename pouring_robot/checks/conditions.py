@@ -177,8 +177,16 @@ def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
-    hall = campaign.conditions.get(columns.AMBIENT)
+    hall, parts = campaign.conditions.get(columns.AMBIENT), _parts(campaign)
     if hall is None:
+        # Several parts are not hot and alike by chance; where none is made hot, neither is a single one.
+        if len(parts) > bool(campaign.robot.expected_thermometers):
+            coldest = [float(_known(campaign, name).min()) for name in parts]
+            low, high = min(coldest), max(coldest)
+            halls = low + ABSOLUTE_ZERO_DEGC > COLDEST_HALL_DEGC and high + ABSOLUTE_ZERO_DEGC < HOTTEST_HALL_DEGC
+            if halls and high - low < _COLD_K:
+                said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
+                yield _unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
         return
     middle = float(np.nanmedian(hall))
     for scale, degC in _TEMPERATURE_MISTAKES:
@@ -186,7 +194,6 @@ def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
             said = f"{scale} under a heading in °C, as other temperatures may: the hall would be at {middle:.0f} °C"
             yield _unit(campaign, columns.AMBIENT, said, {"median_degC": middle})
             return
-    parts = _parts(campaign)
     if len(parts) < 3:  # which are cold, two others must say
         return
     for name in parts:

@@ -356,3 +356,14 @@ def test_wrong_rows_among_real_ones_are_found(ur10):
     position[wrong] += 0.004
     flags = check_campaign(dataclasses.replace(campaign, position_m=position), drawing)
     assert wrong_rows(flags).tolist() == sorted(wrong.tolist())
+
+
+@pytest.mark.parametrize("zero", [0.0, 273.15])
+@pytest.mark.parametrize("parts", [("slides",), ("base", "slides")])
+def test_kelvin_is_told_where_nobody_says_how_warm_the_hall_is(gantry, zero, parts):
+    """Parts begin as cold as a hall; in kelvin all of them would be at 290 °C."""
+    warm = 18.0 + np.linspace(0.0, 20.0, len(gantry.campaign))
+    readings = {name: zero + 0.5 * k + warm for k, name in enumerate(parts)}
+    flags = check_campaign(gantry.campaign.with_conditions(ambient=None, **readings), gantry.drawing)
+    told = [(FlagCode.CONDITION_UNIT, (f"{parts[0]}_degC",))] if zero else []
+    assert [(flag.code, flag.columns) for flag in flags] == told
