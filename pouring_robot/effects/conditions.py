@@ -220,8 +220,12 @@ class Conditions:
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
         for before, now in itertools.chain(*map(itertools.pairwise, runs_in_time(self.time_s, self.session.tolist()))):
-            kept = np.exp(-(self.time_s[now] - self.time_s[before]) / lag_s)
-            out[now] = values[now] + (out[before] - values[now]) * kept
+            passed = (self.time_s[now] - self.time_s[before]) / lag_s
+            kept = float(np.exp(-passed))
+            # Values change evenly from row to row, and at once over what is not measured between two sessions.
+            evenly = passed > 0.0 and self.session[now] == self.session[before]
+            still = float(-np.expm1(-passed)) / passed if evenly else kept
+            out[now] = values[now] + (out[before] - values[before]) * kept - (values[now] - values[before]) * still
         return out
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.effects.made_up import complete_conditions
@@ -164,10 +165,26 @@ def test_errors_of_the_model_do_not_change_the_conditions(bench):
 
 def test_what_lags_behind_a_step_comes_exponentially():
     """Closed form, rows out of order: 1 − exp(−t / τ) after the step."""
-    time = np.array([300.0, 0.0, 1000.0, 40.0, 90.0])
-    given = dataclasses.replace(complete_conditions(ROBOT, 5), time_s=time)
+    time = np.array([300.0, 0.0, 1000.0, 40.0, 1e-9, 90.0])
+    given = dataclasses.replace(complete_conditions(ROBOT, 6), time_s=time)
     found = given.behind((time > 0.0).astype(float), 250.0)
-    assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12)
+    assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-9, abs=1e-11)
+
+
+def test_over_a_night_between_sessions_what_lags_has_settled():
+    time, values = np.array([0.0, 600.0, 43200.0, 43800.0]), np.array([25.0, 25.0, 0.0, 0.0])
+    given = dataclasses.replace(complete_conditions(ROBOT, 4), time_s=time, session=np.array([0, 0, 1, 1]))
+    np.testing.assert_allclose(given.behind(values, 2400.0), values, atol=1e-5)
+
+
+@pytest.mark.parametrize("lag_s", [150.0, 600.0, 2400.0])
+def test_what_lags_does_not_hang_on_how_often_it_was_read(lag_s):
+    """A part behind one that warms up over an hour, read every ten minutes, against SciPy's integrator."""
+    time, skin = np.arange(0.0, 3.0 * 3600.0 + 1.0, 600.0), lambda t: 20.0 * (1.0 - np.exp(-t / 3600.0))
+    exact = {"t_eval": time, "rtol": 1e-10, "atol": 1e-10}
+    core = solve_ivp(lambda t, y: (skin(t) - y) / lag_s, (0.0, time[-1]), [0.0], **exact).y[0]
+    given = dataclasses.replace(complete_conditions(ROBOT, len(time)), time_s=time)
+    assert np.abs(given.behind(skin(time), lag_s) - core).max() < 0.05 * np.abs(skin(time) - core).max()
 
 
 @pytest.mark.parametrize("mixed", [False, True])
