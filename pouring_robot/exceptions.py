@@ -261,6 +261,21 @@ class SingularPoseError(NoSolutionError):
         )
 
 
+class LockedPoseError(NoSolutionError):
+    """No drives move a frame along some direction here.
+
+    Attributes:
+        ratio: smallest over largest singular value of how the drives move it.
+    """
+
+    def __init__(self, ratio: float) -> None:
+        self.ratio = ratio
+        super().__init__(
+            f"no drives move the robot in every direction here (ratio of singular values {ratio:.1e}); "
+            "choose another pose"
+        )
+
+
 class CompensationError(NoSolutionError):
     """No drive values bring the robot as built to a pose.
 

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.compensation.search import bring_to
-from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, SingularPoseError
+from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, LockedPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
@@ -167,13 +167,13 @@ class _Search:
         return np.array([*(place - self.target_m), tilt])
 
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
-        """Return the step of the drives that cancels what is left, (4,); SingularPoseError if none does."""
+        """Return the step of the drives that cancels what is left, (4,); LockedPoseError if none does."""
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
         matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
         factors = np.linalg.svd(matrix, compute_uv=False)
         if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
-            raise SingularPoseError(float(factors[-1] / factors[0]))
+            raise LockedPoseError(float(factors[-1] / factors[0]))
         return np.asarray(-np.linalg.solve(matrix, left))
 
 
@@ -207,7 +207,8 @@ def compensate(
         BadInputError: the robot or the pose is none.
         UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
         CompensationError: no drive values are found.
-        SingularPoseError: the drives do not command the four freedoms at this pose.
+        SingularPoseError: the drives do not determine the platform at this pose.
+        LockedPoseError: they do not command its four freedoms there.
         ClosureError: the loops do not close.
         ThermalSolutionError: no temperatures are found.
         UnknownFrameError: there is no such frame.
@@ -237,7 +238,7 @@ def compensate(
         result = state.result
         refuse_beyond(joint_reach(kinematics.mechanism, search.drives))
         refuse_beyond(joint_reach(kinematics.mechanism, result.joint_values))
-    except (ClosureError, CompensationError, SingularPoseError):
+    except (ClosureError, CompensationError, LockedPoseError):
         # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
         refuse_beyond(joint_reach(kinematics.mechanism, values))
         raise

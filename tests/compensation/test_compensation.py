@@ -1,6 +1,7 @@
 """Compensation: the actual ladle, warm and crooked, comes to the wanted pose in its four freedoms."""
 
 import csv
+import dataclasses
 import io
 import itertools
 
@@ -8,8 +9,15 @@ import numpy as np
 import pytest
 
 from pouring_robot.compensation.pose import commands_csv, compensate
-from pouring_robot.exceptions import BadInputError, CompensationError, UnknownFrameError, UnreachablePoseError
+from pouring_robot.exceptions import (
+    BadInputError,
+    CompensationError,
+    LockedPoseError,
+    UnknownFrameError,
+    UnreachablePoseError,
+)
 from pouring_robot.mechanism.joint_limits import joint_reach
+from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -55,6 +63,19 @@ def test_over_the_box_at_1700_degrees_with_geometric_errors(hot, as_built):
     assert before[-1] == pytest.approx(uncorrected, abs=1e-9)
     assert len(poses) > 12
     assert np.median(before) > 2e-3 and min(before) > 5e-4
+
+
+def test_a_direction_that_no_drive_moves_is_said(as_built, monkeypatch):
+    """As where a leg stands square to where its end can go."""
+
+    def without_the_second_drive(*asked):
+        found = closed_chain_transfer(*asked)
+        return dataclasses.replace(found, matrix=found.matrix * [1.0, 0.0, 1.0, 1.0])
+
+    monkeypatch.setattr("pouring_robot.compensation.pose.closed_chain_transfer", without_the_second_drive)
+    with pytest.raises(LockedPoseError, match="no drives move the robot in every direction here") as caught:
+        compensate(as_built, POSE)
+    assert caught.value.ratio < 1e-15
 
 
 def test_what_cannot_be_cancelled_is_said(hot):
