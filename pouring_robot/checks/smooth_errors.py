@@ -130,13 +130,26 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
 def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
     """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
 
-    Of a linear error of pose and conditions. Beyond all that the others had it is large: they tell nothing there.
+    Of an error that is linear in pose and conditions. Beyond all that the others had it is large: they tell nothing
+    there. What conditions do may differ from pose to pose: usual rows by no more than they deviate, so that nothing is
+    added there, but rows under conditions that hardly another one had by much more.
     """
-    terms = np.column_stack(_linear_terms(campaign, poses, with_time=True)[0])
-    others = np.delete(terms, rows, axis=0)
-    others = others[np.isfinite(others).all(axis=1)]
-    spread = np.linalg.inv(others.T @ others + _RIDGE * np.eye(terms.shape[1]))
-    return np.asarray(np.einsum("ij,jk,ik->i", terms[rows], spread, terms[rows]))
+    linear, first = _linear_terms(campaign, poses, with_time=True)
+    apart = [a * b for a in linear[1:first] for b in linear[first:]]
+    terms, ridge = (
+        np.column_stack([*linear, *apart]),
+        np.array([_RIDGE] * len(linear) + [float(len(apart))] * len(apart)),
+    )
+
+    def variance(columns: int) -> FloatArray:
+        own = terms[:, :columns]
+        others = np.delete(own, rows, axis=0)
+        others = others[np.isfinite(others).all(axis=1)]
+        spread = np.linalg.inv(others.T @ others + np.diag(ridge[:columns]))
+        return np.asarray(np.einsum("ij,jk,ik->i", own[rows], spread, own[rows]))
+
+    alike = variance(len(linear))
+    return alike + np.maximum(variance(len(ridge)) - alike - 1.0, 0.0)
 
 
 def _turns(poses: PoseStack) -> FloatArray:

@@ -96,3 +96,20 @@ def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path)
     load[30] = 500.0
     assert (alone > 1e3).all()
     assert (foretelling(data.with_conditions(payload=load), poses, rows) < 10.0).all()
+
+
+def test_rows_under_conditions_that_one_other_had_elsewhere_are_hardly_foretold(drawing, tmp_path):
+    """What a temperature does may differ from pose to pose: one row at another pose does not tell it."""
+    data = campaign(tmp_path, NOTHING)
+    poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4])
+    parts = {name: np.full(len(data), 160.0) for name in ("leg1", "leg2", "leg3", "leg4", "platform")}
+    for cold in (4, 17):
+        for values in parts.values():
+            values[cold] = 20.0
+    few = foretelling(data.with_conditions(**parts), poses, rows)
+    for cold in range(0, len(data), 2):
+        for values in parts.values():
+            values[cold] = 20.0
+    half = foretelling(data.with_conditions(**parts), poses, rows)
+    assert few > 5.0
+    assert half < 1.0
