@@ -165,6 +165,13 @@ def test_units_and_sign_do_not_matter_and_perfect_following_is_one():
     assert kept.get_support().argmax() == degrees.argmax()
 
 
+def test_sets_on_lines_of_temperature_are_told_apart_by_no_rounding():
+    celsius = np.linspace(600.0, 1700.0, 6)
+    lines = (celsius[:, None] - 600.0) * [1e-6, 1.1e-6, 0.9e-6, -1.05e-6]
+    for temperatures in (celsius, celsius + 273.15):
+        np.testing.assert_array_equal(grey_relational_degree(lines, temperatures), np.ones(4))
+
+
 @pytest.mark.parametrize(
     ("X", "words"), [([[1.0], [1.0], [1.0]], "error set 0 is constant"), ([[1.0], [2.0]], "do not fit")]
 )

@@ -41,7 +41,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
-# Two sets this close to r = 1 are one set: what still parts them is rounding, and a group made of it would be chance.
+# Closer to r = 1, or to temperature's trend, than this is rounding; a group or a degree made of it would be chance.
 _SAME = 1e-12
 VIF_LIMIT = 10.0
 """From here on collinearity is called serious (the paper's 5.1.3)."""
@@ -147,7 +147,7 @@ def grey_relational_degree(X: ArrayLike, y: ArrayLike) -> FloatArray:
     steps, sets = ((one - one.min(axis=0)) / np.ptp(one, axis=0) for one in (trend, series))
     distances = np.abs(steps - sets)
     half = 0.5 * distances.max()
-    if half == 0.0:
+    if half < _SAME:
         return np.ones(distances.shape[1])
     return np.asarray(((distances.min() + half) / (distances + half)).mean(axis=0))
 
