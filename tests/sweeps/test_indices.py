@@ -8,7 +8,7 @@ from pouring_robot.sweeps import ErrorEntry, run_sweep
 from pouring_robot.sweeps.analysis.report import report
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 
-FAILING_NOW_AND_THEN_MRAD = 150.0
+FAILING_NOW_AND_THEN_MRAD = 120.0
 
 
 def test_first_order_indices_are_the_shares_of_the_variance(make_plan, tmp_path):
@@ -28,9 +28,10 @@ def test_first_order_indices_are_the_shares_of_the_variance(make_plan, tmp_path)
 
 def test_base_samples_without_a_solution_are_left_out_and_counted(make_plan, tmp_path):
     entry = ErrorEntry(parameters=("leg?_s2.r?",), half_width_mrad=FAILING_NOW_AND_THEN_MRAD)
-    plan = make_plan(study="sobol", samples=32, errors=[entry], poses={"grid": {}}, chunk=1000)
+    plan = make_plan(study="sobol", samples=32, errors=[entry], poses={"grid": {"y": 3, "tilt": 3}}, chunk=5000)
     outcome = report(run_sweep(plan, tmp_path / "out"))
-    assert 0 < outcome.indices.dropped < 32 and outcome.summary.failed > 0
+    failed = (outcome.to_dataset().status.values != 0).reshape(32, -1, 9).any(axis=1)  # of each base sample, by pose
+    assert outcome.indices.dropped == failed.any(axis=1).sum() > failed.sum(axis=0).max() > 0
     assert np.isfinite(outcome.indices.total).all()
 
 

@@ -189,7 +189,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     from SALib.analyze import sobol
 
     plan = store.plan
-    count, dropped, poses = len(plan.names), 0, 0
+    count, poses, lost = len(plan.names), 0, np.zeros(plan.config.samples or 0, dtype=bool)
     problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
     settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
     settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
@@ -199,7 +199,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
         poses += 1
         blocks = outputs.reshape(-1, count + 2, 3)
         sound = np.isfinite(blocks).all(axis=(1, 2))
-        dropped = max(dropped, int((~sound).sum()))
+        lost |= ~sound
         for axis in range(3):
             values = blocks[sound, :, axis].ravel()
             variance = float(values.var()) if values.size else 0.0
@@ -208,6 +208,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
                 sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
                 weights[axis] += variance
         progress("Sobol indices", poses, len(plan.poses))
+    dropped = int(lost.sum())
     if not weights.any():
         raise NoSolutionError(
             f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
