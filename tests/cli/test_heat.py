@@ -400,6 +400,7 @@ def test_a_wrong_history_is_refused_in_one_line(run, tmp_path, text, says):
         ([*AT, "--every-min", "3"], 2, "give the shift by --history"),
         (["--history", "shift.csv", "--every-min", "0"], 2, "--every-min 0"),
         (["--history", "shift.csv", "--steady"], 2, "leave out --melt-degC"),
+        (["--history", "shift.csv", *AT, "--under", "heat"], 2, "and no --history"),
         (["--history", "nowhere.csv"], 2, "cannot be read"),
         (["--at-mm", "0", "0", "0"], 3, "out of reach"),
     ],

@@ -122,8 +122,8 @@ def thermal(
     moved.check()
     if moved.under is None and history is None and html is not None:
         raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
-    if moved.under is not None and at_mm is None:
-        raise BadInputError("--under is for a pose: give --at-mm and --tilt-deg")
+    if moved.under is not None and (at_mm is None or history is not None):
+        raise BadInputError("--under is for a pose that is held: give --at-mm and --tilt-deg, and no --history")
     ladle = options.with_melt(which.built(warm=True))
     if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
         raise BadInputError(
