@@ -358,6 +358,13 @@ def test_a_shift_with_changing_poses(run, tmp_path, shift):
     assert max(map(len, out.splitlines())) <= 120
 
 
+def test_a_pose_of_a_shift_that_is_out_of_reach_is_told_by_its_line(run, tmp_path):
+    (tmp_path / "h.csv").write_text(f"{SHIFT}70,400,22,-60,20,-5000,50\n", encoding="utf-8")
+    code, out, err = run("thermal", "--history", "h.csv")
+    assert (code, out) == (3, "")
+    assert "h.csv: line 6: the pose is out of reach" in err and err.count("\n") == 1
+
+
 def test_a_shift_at_one_pose_is_that_of_after_min(run, tmp_path):
     (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n30,1700\n", encoding="utf-8")
     _, out, _ = run("thermal", "--history", "h.csv", *AT, "--json")

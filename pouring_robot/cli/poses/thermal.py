@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import opt, reads, writes, writes_csv
@@ -181,12 +181,11 @@ def thermal(
             words = f"How the melt of {history.name} warms the robot"
             written.append(write_html(shift_scene(heated.robot, drawn, words), html))
     if as_json:
-        content = found.figures()
         measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         if field is not None:
             measured |= {"displacement": {"under": moved.under, **field.figures()}}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only}
-        return options.print_figures(content | measured | names, written)
+        return options.print_figures(found.figures() | measured | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
     print_blocks(told)
@@ -213,6 +212,9 @@ def _shift(
         where = "gives no pose: add --at-mm X Y Z" if schedule is None else "gives the poses: leave --at-mm out"
         raise BadInputError(f"{file}: {where}")
     schedule = schedule or PoseSchedule.of(pose or (), past.start_s)
+    for line, (_, held) in zip(schedule.lines, schedule.entries, strict=False):  # a pose of --at-mm is on no line
+        with bundles.at_line(file, line):
+            heated.robot.actual_of(cast("PlatformPose", held))
     times = past.times_s
     if every_min is not None:
         if not every_min > 0.0 or (past.end_s - past.start_s) / (60.0 * every_min) > _MOST_ROWS:

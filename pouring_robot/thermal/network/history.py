@@ -82,6 +82,7 @@ class PoseSchedule:
     """Poses held one after the other, each from its time on; changes between them take no time."""
 
     entries: tuple[tuple[float, Placed], ...]
+    lines: tuple[int, ...] = ()  # of the table that each comes from, if it does
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -149,4 +150,5 @@ def read_shift(
         raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(POSE_COLUMNS)}")
     poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in POSE_COLUMNS])]
     changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
-    return history, PoseSchedule(tuple((float(times[k]), poses[k]) for k in changes))
+    entries = tuple((float(times[k]), poses[k]) for k in changes)
+    return history, PoseSchedule(entries, tuple(table.lines[changes].tolist()))
