@@ -136,10 +136,8 @@ def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArr
     """
     linear, first = _linear_terms(campaign, poses, with_time=True)
     apart = [a * b for a in linear[1:first] for b in linear[first:]]
-    terms, ridge = (
-        np.column_stack([*linear, *apart]),
-        np.array([_RIDGE] * len(linear) + [float(len(apart))] * len(apart)),
-    )
+    terms = np.column_stack([*linear, *apart])
+    ridge = np.repeat([_RIDGE, float(len(apart))], [len(linear), len(apart)])
 
     def variance(columns: int) -> FloatArray:
         own = terms[:, :columns]
