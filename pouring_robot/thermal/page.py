@@ -55,7 +55,7 @@ def _pose(found: PoseHeat) -> list[Block]:
         Paragraph(
             f"heat: {gains / 1e3:.2f} kW from the melt ({balance.melt_radiation_W / 1e3:.2f} by radiation, "
             f"{balance.melt_conduction_W / 1e3:.2f} through the lining), {losses / 1e3:.2f} kW to the surroundings "
-            f"({balance.ambient_film_W / 1e3:.2f} by air), {abs(balance.stored_W) / 1e3:.2f} kW stored"
+            f"({balance.ambient_film_W / 1e3:.2f} by air), {decimals(balance.stored_W / 1e3, 2)} kW stored"
         ),
         Paragraph(
             f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would "

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -338,6 +339,15 @@ def test_thermal_leaves_geometry_out_and_json_balances(run):
     heat = json.loads(without)["heat_W"]
     gained = heat["from_melt_by_contact"] + heat["from_melt_by_radiation"]
     assert abs(heat["stored"]) < 1e-9 * gained
+
+
+def test_a_robot_that_cools_stores_less_than_nothing(run):
+    _, out, _ = run("thermal", *AT, "--melt-degC", "-50", "--ambient-degC", "30", "--after-min", "30")
+    words = " ".join(out.split())
+    gained, lost, stored = (
+        float(re.search(what, words)[1]) for what in (r"(\S+) kW from", r"(\S+) kW to", r"(\S+) kW st")
+    )
+    assert stored == pytest.approx(gained - lost, abs=0.02) and stored < -0.05
 
 
 def test_conduction_alone_is_cold(run):

@@ -229,8 +229,12 @@ def test_impossible_input_is_refused(network, drawing):
         network.steady(POSE, -300.0)
     with pytest.raises(TemperatureError, match="ambient"):
         network.steady(POSE, 1700.0, float("nan"))
-    with pytest.raises(BadInputError, match="at least 4 elements"):
-        ThermalNetwork(drawing, elements_per_leg=3)
+    for elements in (3, 20.5, float("nan")):
+        with pytest.raises(BadInputError, match="a leg needs a whole number of elements, at least 4"):
+            ThermalNetwork(drawing, elements_per_leg=elements)
+    for cells in (0, 2.5):
+        with pytest.raises(BadInputError, match="a bar needs a whole number of elements, at least 1"):
+            ThermalNetwork(drawing, elements_per_bar=cells)
 
 
 def test_the_other_layout_works():

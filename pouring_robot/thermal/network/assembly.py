@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from pouring_robot.exceptions import BadInputError, HistoryError
+from pouring_robot.exceptions import HistoryError
+from pouring_robot.io.given import whole
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -42,7 +43,7 @@ class ThermalNetwork:
     a part that is connected to nothing ThermalSolutionError.
 
     Raises:
-        BadInputError: fewer than four elements, or the ladle's shell leaves no lining.
+        BadInputError: no whole number of elements, four or more of a leg, or the ladle's shell leaves no lining.
         DescriptionError: the robot's description is broken, or its platforms are not frames of boxes.
     """
 
@@ -55,16 +56,14 @@ class ThermalNetwork:
         elements_per_bar: int | None = None,
         radiation: bool = True,
     ) -> None:
-        if elements_per_leg < 4 or (elements_per_bar is not None and elements_per_bar < 1):
-            raise BadInputError(
-                f"a leg needs at least 4 elements and a bar 1, not {elements_per_leg} and {elements_per_bar}"
-            )
+        elements_per_leg = whole(elements_per_leg, 4, "a leg needs a whole number of elements, at least 4")
         self.robot = robot or PouringRobot()
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
         entry, urdf = self.robot.dimensions, self.robot.model.definition.urdf()
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
-        per_bar = elements_per_bar or max(2, elements_per_leg // 5)
+        per_bar = max(2, elements_per_leg // 5) if elements_per_bar is None else elements_per_bar
+        per_bar = whole(per_bar, 1, "a bar needs a whole number of elements, at least 1")
         self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)
         self._disc = DiscChords.of(self.bodies.ladle.melt_radius_m)
         self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
