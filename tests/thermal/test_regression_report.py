@@ -122,6 +122,15 @@ def test_more_groups_than_sets_are_refused(measured):
     assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
 
 
+def test_a_set_that_equation_21_does_not_hold_is_told_by_its_name():
+    celsius = np.linspace(600.0, 1700.0, 12)
+    step = (celsius - 1150.0) / 550.0
+    # A to C are lines of temperature, which alone tell it; D, the third of those left where A is left out, is unlike.
+    sets = 1e-4 * np.column_stack([step, 1.2 * step, 0.9 * step, step**2 + 0.2 * step, 1.1 * step**2 + 0.1 * step])
+    with pytest.raises(BadInputError, match="do not hold error set D, so"):
+        regress(ErrorTable(celsius + 273.15, sets, tuple("ABCDE")))
+
+
 def test_inputs_that_follow_from_each_other_are_refused(measured):
     table, places = measured
     tied = np.column_stack([places.values, 0.3 - 2.0 * places.values[:, 2]])

@@ -31,7 +31,7 @@ Why the mean line of all sets does better than both: :mod:`pouring_robot.thermal
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
@@ -150,7 +150,8 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         table = table.astype(float).reshape(len(column), -1)
         selector = SensitiveSetSelector() if self.selector is None else clone(self.selector)
         self.selector_ = selector.fit(table, column[:, 0])
-        self._predict_sets(column, table[:, self.selector_.sensitive_])
+        names = np.asarray(getattr(y, "columns", range(table.shape[1])))[self.selector_.sensitive_]
+        self._predict_sets(column, table[:, self.selector_.sensitive_], names)
         if self.weighting == "coefficients":
             rates = np.abs(self.component_regression_.coef_)
         else:
@@ -161,7 +162,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.intercept_ = float(self.weights_ @ self.set_intercept_)
         return self
 
-    def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
+    def _predict_sets(self, column: FloatArray, sensitive: FloatArray, names: NDArray[Any]) -> None:
         """Fit equation 21 and the simple lines of the sensitive sets, and solve the first for each: lines P_g^PCR."""
         regression = PrincipalComponentRegression(self.explained).fit(sensitive, column[:, 0])
         lines = LinearRegression().fit(column, sensitive)
@@ -170,7 +171,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         lost = np.flatnonzero(np.abs(regression.standardised_coef_) < 1e-9)
         if lost.size:
             raise ErrorSetError(
-                f"the kept components do not hold error set {self.selector_.sensitive_[lost[0]]}, "
+                f"the kept components do not hold error set {names[lost[0]]}, "
                 "so it cannot be predicted from the others; ask for fewer groups or a larger explained share"
             )
         slopes, offsets = regression.coef_ * self.single_coef_, regression.coef_ * self.single_intercept_

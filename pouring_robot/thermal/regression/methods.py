@@ -48,7 +48,7 @@ def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector:
     """
     column, middle = table.temperature_column, float(table.temperatures_K.mean())
     models = {
-        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(column, table.errors)
+        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(column, table.frame())
         for name, weighting in _WEIGHTINGS.items()
     }
     mean = LinearRegression().fit(column, table.errors.mean(axis=1))
