@@ -95,9 +95,10 @@ def sessions_of(table: QuantityTable) -> tuple[str, ...]:
 
 
 def runs_in_time(time_s: FloatArray, sessions: Sequence[object]) -> list[Indices]:
-    """Return the rows in the order of time, (n,) and (n,): in one run, or each session in its own.
+    """Return the rows by index in the order of time, in one run or each session in its own.
 
-    Where time mixes sessions that stand one after the other in the table, each has a clock that began anew.
+    Of each row its time and its session are given, (n,). Where time mixes sessions that stand one after the other in
+    the table, each has a clock that began anew.
     """
     order, names = np.argsort(time_s, kind="stable"), np.array(sessions)
     if np.count_nonzero(names[1:] != names[:-1]) >= np.count_nonzero(names[order][1:] != names[order][:-1]):

@@ -6,7 +6,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from pouring_robot.campaign.columns import runs_in_time
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import component_unit, table_of
 from pouring_robot.estimation.kinds import component_name
@@ -77,8 +76,7 @@ class Remainder:
 
 def _step(diagnosis: Findings, values: FloatArray) -> tuple[int | None, float]:
     """Return the line after which values in order of time jump, and by how much; None where they do not."""
-    given = diagnosis.rows.conditions
-    order = np.concatenate(runs_in_time(given.time_s, given.session.tolist()))
+    order = np.concatenate(diagnosis.rows.conditions.runs)
     order = order[np.isfinite(values[order])]
     series = values[order] - values[order].mean()
     n = series.size

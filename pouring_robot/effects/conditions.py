@@ -210,6 +210,11 @@ class Conditions:
         """Return 1 in rows of a session, else 0, (n,); NaN where nobody says which it is."""
         return np.where(self.session < -1, np.nan, self.session == number)
 
+    @functools.cached_property
+    def runs(self) -> list[Indices]:
+        """Rows in the order of time, in one run or each session in its own: :func:`~.columns.runs_in_time`."""
+        return runs_in_time(self.time_s, self.session.tolist())
+
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
         """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time.
 
@@ -219,7 +224,7 @@ class Conditions:
         if not self.timed and len(self) > 1 and np.ptp(values, axis=0).any():
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
-        for before, now in itertools.chain(*map(itertools.pairwise, runs_in_time(self.time_s, self.session.tolist()))):
+        for before, now in itertools.chain(*map(itertools.pairwise, self.runs)):
             passed = (self.time_s[now] - self.time_s[before]) / lag_s
             kept = float(np.exp(-passed))
             # Values change evenly from row to row, and at once over what is not measured between two sessions.
