@@ -168,7 +168,7 @@ def test_what_lags_behind_a_step_comes_exponentially():
     time = np.array([300.0, 0.0, 1000.0, 40.0, 1e-9, 90.0])
     given = dataclasses.replace(complete_conditions(ROBOT, 6), time_s=time)
     found = given.behind((time > 0.0).astype(float), 250.0)
-    assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-9, abs=1e-11)
+    assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12, abs=1e-11)
 
 
 def test_over_a_night_between_sessions_what_lags_has_settled():
