@@ -125,6 +125,7 @@ def calibrate(
         train = chosen[used]
         prior = prior_std(chosen.model, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
+        fit = replace(fit, noise_freedoms=noise.freedoms)
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
     _, _, before = fitted(())

@@ -1,32 +1,10 @@
-r"""From poses and conditions to whitened rows, by G of the closed chain, and what a plan's rows tell about parameters.
-
-A plan is a stack of whitened rows J (one measured coordinate over its noise a row, one unknown a column). The first
-columns are nuisance: the twelve numbers of the two outer frames, which have to be fitted but are of no interest. With
-M = JᵀJ + prior, what is known of the other parameters θ is the Schur complement
-
-.. math:: S = M_{\theta\theta} - M_{\theta f} M_{ff}^{-1} M_{f\theta}
-
-whose inverse is their covariance. Its eigenvalues' roots, :math:`\sigma_1 \ge \dots \ge \sigma_m`, are the singular
-values of J with the frames projected out. Of them the observability indices are made, each larger for a better plan
-(Sun and Hollerbach, *Observability index selection for robot calibration*, ICRA 2008; n poses):
-
-====  ==========================================  ==========================================================
-O1    :math:`(\sigma_1 \cdots \sigma_m)^{1/m} / \sqrt n`  Borm and Menq 1991; the best plan is the D_s-optimal one
-O2    :math:`\sigma_m / \sigma_1`                  Driels and Pathre 1990, inverse condition number
-O3    :math:`\sigma_m`                             Nahvi, Hollerbach and Hayward 1994
-O4    :math:`\sigma_m^2 / \sigma_1`                Nahvi and Hollerbach 1996, noise amplification index
-O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
-====  ==========================================  ==========================================================
-
-Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
-"""
+"""From poses and conditions to whitened rows, by G of the closed chain, and the poses to choose from."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 from scipy.stats import qmc
 
 from pouring_robot.campaign.metadata import CampaignMetadata
@@ -34,7 +12,6 @@ from pouring_robot.campaign.simulate import facts_of
 from pouring_robot.design.request import PlannedParameter
 from pouring_robot.effects.nominal import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
-from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -169,72 +146,3 @@ def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     whole = np.clip(np.round((poses - zero) / step), least, most)
     _, first = np.unique(whole, axis=0, return_index=True)
     return np.asarray(zero + whole[np.sort(first)] * step)
-
-
-def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
-    values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
-    if criterion in ("D", "O1"):
-        return np.asarray(observability_index(values, "O1", poses) / (2.0 * len(values) * values**2))
-    if criterion == "O5":
-        return np.asarray(0.5 * observability_index(values, "O5", poses) ** 2 / values**3)
-    low, high, places = values.min(), values.max(), np.arange(len(values))
-    by_low, by_high = {
-        "O2": (0.5 / (low * high), -0.5 * low / high**3),
-        "O3": (0.5 / low, 0.0),
-        "O4": (1.0 / high, -0.5 * low**2 / high**3),
-    }[criterion]
-    return np.asarray(by_low * (places == values.argmin()) + by_high * (places == values.argmax()))
-
-
-def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:
-    """Return the singular values of a plan with the nuisance columns projected out, (p - nuisance,), the largest first.
-
-    Whitened rows (k, p) have the nuisance columns first; ``prior`` is one over the prior standard deviation of each
-    unknown, (p,), 0 for none.
-    """
-    return np.asarray(np.linalg.svd(_triangle(rows, prior)[nuisance:, nuisance:], compute_uv=False))
-
-
-def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:
-    """Return the expected covariance of all unknowns of a linear fit, shape (p, p): the inverse of JᵀJ + prior.
-
-    Whitened rows (k, p) must be of full column rank together with the prior, as of :func:`projected_singular_values`.
-    """
-    stack = with_prior(rows, prior)
-    size = np.linalg.norm(stack, axis=0)
-    # Through R, not through JᵀJ: squaring would lose half of the digits where parameters are hard to tell apart.
-    inverse = scipy.linalg.solve_triangular(np.linalg.qr(stack / size, mode="r"), np.eye(stack.shape[1]))
-    inverse = inverse / size[:, None]
-    return np.asarray(inverse @ inverse.T)
-
-
-def telling(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
-    """Return the places of the parameters about which rows (k, p) tell more than is known of them anyway.
-
-    A parameter is kept if a change of its usual size, its tolerance (p - nuisance,), those kept before it free to make
-    up for it, shows by more than the noise: the length of what its column adds to the span of the earlier ones
-    (Gram-Schmidt).
-    """
-    free = _triangle(rows, None)[nuisance:, nuisance:] * sizes
-    span, kept = np.zeros((len(free), 0)), list[int]()
-    for k in range(free.shape[1]):
-        left = free[:, k]
-        for _ in range(2):  # the second time takes off what round-off left
-            left = left - span @ (span.T @ left)
-        length = float(np.linalg.norm(left))
-        if length > max(1.0, RANK_TOLERANCE * float(np.linalg.norm(free[:, k]))):
-            span, kept = np.column_stack([span, left / length]), [*kept, k]
-    return kept
-
-
-def with_prior(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
-    """Return rows with one more for every unknown of which something is known beforehand."""
-    return rows if prior is None else np.concatenate([rows, np.diag(prior)[prior > 0.0]])
-
-
-def _triangle(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
-    """Return R of a QR factorisation, at least as many rows as columns."""
-    stack = with_prior(rows, prior)
-    missing = max(0, stack.shape[1] - len(stack))
-    return np.asarray(np.linalg.qr(np.pad(stack, ((0, missing), (0, 0))), mode="r"))

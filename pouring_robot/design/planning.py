@@ -20,15 +20,8 @@ import numpy as np
 
 from pouring_robot.campaign.plan import random_plan, refuse_redundant
 from pouring_robot.design.exchange import CandidateSet, choose
-from pouring_robot.design.plan_rows import (
-    Columns,
-    PlannedConditions,
-    candidate_poses,
-    covariance,
-    projected_singular_values,
-    telling,
-    with_prior,
-)
+from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
+from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES

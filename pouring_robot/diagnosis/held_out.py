@@ -19,7 +19,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import WhitenedRows
-from pouring_robot.estimation.splits import KNOWN, HoldOut, Split, split
+from pouring_robot.estimation.splits import HoldOut, Split, foretold, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.problem import Problem
@@ -92,8 +92,7 @@ def held_out_in_turn(
     free = problem.nuisance.axes
 
     def told(block: BoolArray) -> bool:
-        # Of columns that are orthonormal over all rows a singular value squared is a share of 1.
-        return bool(np.linalg.svd(free[~block], compute_uv=False).min(initial=1.0) ** 2 >= KNOWN)
+        return foretold([free[~block].T @ free[~block]], free[block].T @ free[block])
 
     masks = {k: block for k, rows in enumerate(blocks) if told(block := np.isin(linear.row, rows))}
     if len(masks) < _FEWEST_BLOCKS:
@@ -106,15 +105,15 @@ def held_out_in_turn(
         found[block] = _unforeseen(left, free, block)
         named.append(effects)
     sigma, every = diagnoser.rows.measured.sigma, np.arange(len(diagnoser.rows))
-    foretold = np.isin(every, np.concatenate([blocks[k] for k in masks]))
+    foreseen = np.isin(every, np.concatenate([blocks[k] for k in masks]))
 
     def gap(rows: BoolArray) -> Gap:
         return Gap.between(replace(linear, residual=given), replace(linear, residual=found), rows, sigma)
 
-    fewer = np.array([gap(foretold & ~np.isin(every, blocks[k])).position("after") for k in masks])
+    fewer = np.array([gap(foreseen & ~np.isin(every, blocks[k])).position("after") for k in masks])
     error = float(np.sqrt((len(masks) - 1) * fewer.var()))
     agreed = sum(effects == names for effects in named)
-    return InTurn(len(masks), gap(foretold), error, agreed, Counter(itertools.chain.from_iterable(named)))
+    return InTurn(len(masks), gap(foreseen), error, agreed, Counter(itertools.chain.from_iterable(named)))
 
 
 def few(seen: WhitenedRows, fitted: BoolArray) -> bool:

@@ -16,14 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.special
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel, scatter
+from pouring_robot.estimation.noise import NoiseLevel, chance_of, scatter
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
@@ -83,6 +82,7 @@ class Fit:
     second_evaluations: int  # how many times they were to measure second derivatives
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
+    noise_freedoms: float = float("inf")  # how well the noise is known, see :attr:`NoiseLevel.freedoms`
 
     @property
     def std(self) -> FloatArray:
@@ -121,7 +121,7 @@ class Fit:
     def inflation(self) -> float:
         """Factor on all standard deviations: by how much residuals exceed the noise where that is no accident, or 1."""
         freedom = self.freedom()
-        accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, self.chi_square()) >= _SURE
+        accident = freedom <= 1.0 or chance_of(self.chi_square(), freedom, self.noise_freedoms) >= _SURE
         return 1.0 if accident else self.scatter()
 
     @property

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -231,6 +232,16 @@ def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> f
     """
     left = float(freedom.sum())
     return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
+
+
+def chance_of(squares: float, freedoms: float, noise_freedoms: float) -> float:
+    """Return the probability that noise alone makes so large a sum of squares over its variance, of so many freedoms.
+
+    ``noise_freedoms`` as of :attr:`NoiseLevel.freedoms`.
+    """
+    if np.isinf(noise_freedoms):
+        return float(scipy.special.chdtrc(freedoms, squares))
+    return float(scipy.special.fdtrc(freedoms, noise_freedoms, squares / freedoms))
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:

@@ -27,7 +27,7 @@ HoldOut = Literal["auto", "session", "time", "region"]
 BLOCKS = 5
 WORSE = 1.05
 """A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
-KNOWN = 0.1
+_KNOWN = 0.1
 """Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
 they leave open there would have ten times the variance that all rows leave."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
@@ -112,7 +112,7 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
 def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     """Return whether some blocks tell of the frames what another needs to be foretold, by what each tells, (k, k).
 
-    In every direction they have a share of :data:`KNOWN` of what both tell together.
+    In every direction they have a share of :data:`_KNOWN` of what both tell together.
     """
     known = np.sum(told, axis=0)
     both = known + asked
@@ -121,7 +121,7 @@ def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     kept = squared > _RESOLUTION**2 * squared[-1]
     axes = axes[:, kept] / np.sqrt(squared[kept])
     share = axes.T @ (known / sizes / sizes[:, None]) @ axes
-    return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= KNOWN)
+    return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= _KNOWN)
 
 
 def _inner_products(columns: FloatArray) -> FloatArray:

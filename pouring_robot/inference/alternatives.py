@@ -58,7 +58,7 @@ def instead_of_workmanship(hypothesis: Hypothesis, kind: int, thresholds: Thresh
     """
     workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
     bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
-    likely = hypothesis.log_evidence + np.log(thresholds.false_names)
+    likely = hypothesis.log_evidence - thresholds.evidence_of_one_in(1)
     found, seldom = dict[str, float](), log_prior_odds(len(hypothesis.problem.known))
     for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
         if worth.evidence > 0.0:

@@ -298,7 +298,7 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
         kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
         rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
         return [_small(hypothesis, kind, rest, instead_of_workmanship(hypothesis, kind, thresholds), thresholds)]
-    likely = alone[best].log_evidence + np.log(thresholds.false_names)
+    likely = alone[best].log_evidence - thresholds.evidence_of_one_in(1)
     names = {k: hypothesis.problem.workmanship[k].effect for k in kinds if k != best}
     close = {name: alone[k].log_evidence for k, name in names.items() if alone[k].log_evidence > likely}
     return [

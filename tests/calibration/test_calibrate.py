@@ -160,6 +160,20 @@ def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
     np.testing.assert_allclose(found.std, found.fit.std * found.inflation)
 
 
+def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
+    """Five readings of one pose, 0.6 times as far apart as the noise: what comes out in one of thirty campaigns."""
+    campaign = measure(drawing, seed=4, sigma_rotation_rad=None).campaign.subset(np.array([0] * 4 + [*range(60)]))
+    metadata = campaign.metadata.model_copy(update={"sigma_position_m": None})
+    apart = np.pad(0.6 * SIGMA_M * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / np.sqrt(2.5), (0, 59))
+    few = damaged(campaign, metadata=metadata, position_m=lambda p: p + apart[:, None])
+    found = calibrate(few, None, CalibrationOptions(parameters=("drives",), choose=False))
+    assert found.noise.freedoms == 12 and found.noise.position_m == pytest.approx(0.6 * SIGMA_M)
+    assert found.fit.scatter() > 1.4
+    assert found.inflation == 1.0
+    drifting = damaged(few, position_m=lambda p: p + 1e-3 * np.sin(np.arange(-4, 60).clip(0) / 3.0)[:, None])
+    assert calibrate(drifting, None, CalibrationOptions(parameters=("drives",), choose=False)).inflation > 2.0
+
+
 def test_positions_only(as_built):
     campaign = measure(as_built, count=80, seed=8, sigma_rotation_rad=None).campaign
     found = calibrate(campaign, None, CalibrationOptions(parameters=("centres",)))

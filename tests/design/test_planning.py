@@ -14,15 +14,8 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
-from pouring_robot.design.plan_rows import (
-    Columns,
-    PlannedConditions,
-    candidate_poses,
-    covariance,
-    index_slopes,
-    projected_singular_values,
-    telling,
-)
+from pouring_robot.design.information import covariance, index_slopes, projected_singular_values, telling
+from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import UndeterminedError, plot

@@ -5,11 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import kstest
 
 from pouring_robot.estimation import map_fit
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.map_fit import identify, noise_left_over
-from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel, noise_beforehand, repeat_noise, repeats
+from pouring_robot.estimation.noise import (
+    LEAST_NOISE,
+    Noise,
+    NoiseLevel,
+    chance_of,
+    noise_beforehand,
+    repeat_noise,
+    repeats,
+)
 from pouring_robot.estimation.residuals import MeasuredPoses
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of
@@ -44,6 +53,14 @@ def test_repeat_noise_by_hand():
     assert (found.sigma, found.freedoms) == (pytest.approx(expected), 36)
     assert turned is None
     assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
+
+
+@pytest.mark.parametrize("noise_freedoms", [12.0, 60.0, np.inf])
+def test_chance_is_as_often_as_it_says(noise_freedoms):
+    random, known = np.random.default_rng(3), np.isfinite(noise_freedoms)
+    variance = random.chisquare(noise_freedoms if known else 1.0, 4000) / noise_freedoms if known else np.ones(4000)
+    chances = [chance_of(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
+    assert kstest(chances, "uniform").pvalue > 1e-3
 
 
 def test_exact_repeats_do_not_tell_the_noise():

@@ -15,6 +15,7 @@ from pouring_robot.diagnosis.learned_shape import Shape, shape_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.kinds import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -180,12 +181,12 @@ def _signatures(diagnosis: Conclusions) -> str:
 
 
 def _shape_panel(axes: Any, shape: Shape) -> None:
-    """Draw what the campaign says of an effect's shape, with a band of two standard deviations, and the textbook's."""
+    """Draw what the campaign says of an effect's shape, with its 95 % interval, and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
     order = order[evenly(order.size, _MOST_ROWS)]
     over, learned = shape.axis.values[order], shape.learned[order]
-    error = 2.0 * shape.std[order]
-    axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="± 2 std")
+    error = Z95 * shape.std[order]
+    axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="95 %")
     axes.plot(over, learned, ".", color=AFTER, markersize=4, label="as learned")
     axes.plot(over, shape.textbook[order], ".", color=GREY, markersize=3, label="main parameters alone")
     axes.set(xlabel=shape.axis.label, ylabel=f"{shape.channel} [{shape.unit}]")

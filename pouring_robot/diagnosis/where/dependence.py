@@ -16,6 +16,7 @@ from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.processes import CHANCE
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import rms
 
@@ -40,7 +41,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy.of(Hypothesis.nothing(problem), processes)
-        found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
+        found = discrepancy.sum(Thresholds(alpha).evidence_of_one_in(len(processes)), _MOST)
         if data.noise_known or not found or turn == _NOISE_ROUNDS:
             break
         followed = (item.part for item in found if item.process.by != CHANCE)

@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import scipy.special
 
 from pouring_robot.estimation.kinds import are, kinds_of
-from pouring_robot.estimation.noise import LEAST_NOISE
+from pouring_robot.estimation.noise import LEAST_NOISE, chance_of
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.units import MM, MRAD, shown_in
@@ -40,9 +39,7 @@ class FreeResiduals:
 
     def excess(self, squares: float, freedoms: float) -> float:
         """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
-        if np.isinf(self.noise_freedoms):
-            return float(scipy.special.chdtrc(freedoms, squares))
-        return float(scipy.special.fdtrc(freedoms, self.noise_freedoms, squares / freedoms))
+        return chance_of(squares, freedoms, self.noise_freedoms)
 
     @cached_property
     def turning(self) -> BoolArray:

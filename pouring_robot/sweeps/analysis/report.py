@@ -18,7 +18,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import new_figure, own_look, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary, sobol_indices, summarise
+from pouring_robot.sweeps.analysis.sobol import SobolIndices, sobol_indices
+from pouring_robot.sweeps.analysis.summary import Summary, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import SweepPlan

@@ -1,16 +1,13 @@
 """What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose.
 
-Of a ``sobol`` study Sobol indices too; where no base sample has a solution, or none moves the ladle, NoSolutionError
-is raised. A chunk that is damaged or not done raises SweepStoreError.
+A chunk that is damaged or not done raises SweepStoreError.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD
@@ -21,8 +18,6 @@ from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
 SHARES = (0.5, 0.95, 0.9973)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
-_RESAMPLES = 100
-_READ_AT_ONCE = 4_000_000  # numbers, 32 MB
 _OF_THE_CLOSED = ("largest_mm", "largest_mrad", "worst_pose", "largest_gap_mm", "largest_gap_mrad")
 
 
@@ -163,70 +158,3 @@ def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
         progress("summary", done, plan.chunk_grid[0] * plan.chunk_grid[1])
     status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
     return Summary(plan.config.frames[0], plan.accuracy_m, status, by_sample, by_pose, distances, *gaps.tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class SobolIndices:
-    """Sobol indices, pooled over poses and coordinates."""
-
-    first: FloatArray  # first-order index, shape (parameters,), as the next three
-    total: FloatArray
-    first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
-    total_confidence: FloatArray
-    first_m2: FloatArray  # first-order variance by coordinate, mean over the poses, shape (parameters, 3)
-    dropped: int  # base samples left out because a robot of theirs had no solution at some pose
-
-
-def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolIndices:
-    r"""Return the Sobol indices of the displacement of a finished ``sobol`` study's first frame, by SALib.
-
-    Each coordinate of the displacement at each pose is an output y with indices of its own. Pooled over outputs they
-    are weighted with the outputs' variances (F. Gamboa et al., Sensitivity analysis for multidimensional and functional
-    outputs, 2014), which makes the pooled first-order index the share of the total scatter:
-
-    .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
-    """
-    from SALib.analyze import sobol
-
-    plan = store.plan
-    count, poses, lost = len(plan.names), 0, np.zeros(plan.config.samples or 0, dtype=bool)
-    problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
-    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
-    settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
-    weights = np.zeros(3)
-    sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
-    for outputs in _outputs(store):
-        poses += 1
-        blocks = outputs.reshape(-1, count + 2, 3)
-        sound = np.isfinite(blocks).all(axis=(1, 2))
-        lost |= ~sound
-        for axis in range(3):
-            values = blocks[sound, :, axis].ravel()
-            variance = float(values.var()) if values.size else 0.0
-            if variance > 0.0:
-                found = sobol.analyze(problem, values, **settings)
-                sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
-                weights[axis] += variance
-        progress("Sobol indices", poses, len(plan.poses))
-    dropped = int(lost.sum())
-    if not weights.any():
-        raise NoSolutionError(
-            f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
-            "solution, and nothing moves in the others; make the errors smaller"
-        )
-    first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()
-    return SobolIndices(first, total, first_confidence, total_confidence, sums[0].T / poses, dropped)
-
-
-def _outputs(store: SweepStore) -> Iterator[FloatArray]:
-    """Yield the displacement of all samples at each pose, shape (samples, 3), in m."""
-    plan = store.plan
-    at_once = max(1, _READ_AT_ONCE // (3 * plan.draws.count))
-    for j in range(plan.chunk_grid[1]):
-        first, last = plan.chunk((0, j)).poses
-        for start in range(first, last, at_once):
-            wanted = slice(start - first, min(start + at_once, last) - first)
-            column = [store.read("displacement", plan.chunk((i, j)))[:, wanted, 0] for i in range(plan.chunk_grid[0])]
-            moved = np.concatenate(column)
-            for k in range(moved.shape[1]):
-                yield moved[:, k]

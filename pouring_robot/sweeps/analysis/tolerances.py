@@ -34,7 +34,8 @@ from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary
+from pouring_robot.sweeps.analysis.sobol import SobolIndices
+from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.config import Allocation
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import AXES
