@@ -31,7 +31,7 @@ _HALVINGS = 6
 _BENT = 0.3
 """Noise deviations: over a hundred equations what is off by as much tells 4.5 nats, as one more cause has to."""
 _TRIED = 3
-"""Effects that are followed each alone where the drawing's derivatives do not tell: as many as the search tries."""
+"""Effects that are settled each alone where the drawing's derivatives do not tell: as many as the search tries."""
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
 
@@ -135,7 +135,8 @@ class Diagnoser:
         other noise led to. The hypothesis is of the problem of the state returned with it.
 
         Far from the drawing one cause looks like another there, to first order: where a step bends by a share of the
-        noise, the causes that look best at rest are each followed alone, too. What is clearly better counts.
+        noise, the causes that look best at rest are each settled alone, too, and the best of them is followed if it is
+        clearly better.
         """
         likely: list[tuple[str, str]] = []
 
@@ -145,10 +146,9 @@ class Diagnoser:
             return first
 
         best = self._followed(begun, at)
-        known = best.hypothesis.effects
-        for key in likely if best.bent > _BENT and not start else ():
-            if known != key[:1]:
-                state, single = self.settled(*self._alone(key))
+        if best.bent > _BENT and not start:
+            alone = [self._alone(key) for key in likely if best.hypothesis.effects != key[:1]]
+            for state, single in sorted(alone, key=lambda found: -found[1].log_evidence)[:1]:
                 if single.log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
                     best = self._followed(functools.partial(_given, single), state)
         return best.state, best.hypothesis
@@ -196,12 +196,14 @@ class Diagnoser:
             start = None  # other rows may have no such form: another session, forces that differ by less
         return search(problem, self.thresholds, start.on(problem) if start else None)
 
-    def _alone(self, key: tuple[str, str]) -> tuple[LinearState, Hypothesis]:
-        """Return one form alone at rest."""
+    def _alone(self, key: tuple[str, str]) -> tuple[State, Hypothesis]:
+        """Return one form alone, settled, and the state it led to."""
         state, library = self.at_rest(), replace(self.library, forms={key: self.library.forms[key]})
         nothing = Hypothesis.nothing(self._problem(state, state.linear, library))
         (item,) = (item for item in nothing.problem.explanations if item.key == key)
-        return state, nothing.with_item(item, nothing.candidate_bayes_factor(item).scale).settled()
+        single = nothing.with_item(item, nothing.candidate_bayes_factor(item).scale)
+        state, single = self.settled(state, single)
+        return state.alone, single
 
     def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
