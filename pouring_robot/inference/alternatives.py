@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import log_prior_odds
@@ -24,8 +23,8 @@ def alternatives(
 
     Those that are as likely, by their ``margins`` as of :func:`rivals`, and those that leave no more than is hidden.
     """
-    total = float(logsumexp([0.0, *margins.values()]))
-    likely = {rival for rival, margin in margins.items() if np.exp(margin - total) > thresholds.false_names}
+    shares = zip(margins, softmax([0.0, *margins.values()])[1:], strict=True)
+    likely = {rival for rival, share in shares if share > thresholds.false_names}
     squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
     forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
     alike = [item for item in forms if squared - hypothesis.explained_by(item, indices) < thresholds.hidden]

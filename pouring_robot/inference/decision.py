@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit, logsumexp, softmax
+from scipy.special import expit, softmax
 
 from pouring_robot.inference.alternatives import alternatives, instead_of_workmanship, rivals
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
@@ -258,7 +258,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     main = max(indices, key=hypothesis.squared_size)
     evidence = _evidence(hypothesis, indices)
     margins = rivals(hypothesis, indices, thresholds)
-    probability = _probability(hypothesis, evidence, thresholds) * float(np.exp(-logsumexp([0.0, *margins.values()])))
+    probability = _probability(hypothesis, evidence, thresholds) * float(softmax([0.0, *margins.values()])[0])
     size = float(np.sqrt(hypothesis.squared_size(*indices) / max(len(hypothesis.problem.residual), 1)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}

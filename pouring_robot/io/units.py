@@ -55,7 +55,8 @@ def shown_in(unit: str) -> tuple[str, float]:
 
 def joint_shown(value: float, unit: str) -> tuple[float, str]:
     """Return a joint value of a unit, m or rad, as it is shown, and in what."""
-    return (value / MM, "mm") if unit == "m" else (math.degrees(value), "deg")
+    shown, si = joint_shown_in(unit)
+    return value / si, shown
 
 
 def joint_shown_in(unit: str) -> tuple[str, float]:
