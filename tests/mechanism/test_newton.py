@@ -7,6 +7,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.closure.status import settles
 from pouring_robot.mechanism.loops_file import LoopsFile
 from tests.mechanism.struts import joint
 from tests.support import displaced, random_poses
@@ -185,3 +186,9 @@ def test_steps_that_no_longer_shrink_are_round_off(crooked):
     assert found.iterations <= strict.iterations <= found.iterations + 5
     with pytest.raises(ClosureError, match="do not settle after 240 iterations"):
         ClosureSolver(mechanism, options=ClosureOptions(left_over=0.0, round_off=0.0)).solve(*place)
+
+
+@pytest.mark.parametrize(("length", "previous", "ends"), [(9e-10, 1e-9, True), (9e-8, 9e-10, False), (0.0, 0.0, True)])
+def test_a_step_that_grows_out_of_round_off_does_not_end_the_search(length, previous, ends):
+    options = ClosureOptions()
+    assert settles(length, previous, 1.0, options.left_over, options.round_off)[1] == ends

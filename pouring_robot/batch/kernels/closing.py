@@ -34,13 +34,14 @@ from pouring_robot.batch.kernels.residuals import (
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO
-from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED, STAYS, settles
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4
 # A pivot that is a smaller share of its joint's stiffness is round-off of zero; the platform's, SINGULAR_RATIO of all
 # loops'.
 _IDLE_RATIO = 1e-12
+_settles = compiled(settles)
 
 
 @compiled
@@ -56,8 +57,8 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
     and the damped one, which moves in stiff directions only, returns to the floor.
     """
     step_tolerance, closed_below, left_over, round_off = options[0], options[1], options[2], options[3]
-    energy, largest, length, previous = 0.0, 0.0, 0.0, math.inf
-    damping, scale, share_before = 0.0, 1.0, 1.0
+    energy, largest, length, previous = 0.0, 0.0, 0.0, 0.0
+    damping, scale, share_before = 0.0, 1.0, 0.0
     # Each stage stands once in the loop: it is long once everything is inlined.
     first, stale, exact, factored, reused, to_floor = True, True, False, False, False, False
     for iteration in range(1, max_iterations + 1):
@@ -85,14 +86,10 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
         short = length < step_tolerance and scale == 1.0 and not to_floor
         if accepted or short:
             sharp = (exact or residual < closed_below) and damping == 0.0 and scale == 1.0 and not to_floor
-            share = length / previous if previous < math.inf else 1.0
-            # The step measures the error before it; what it leaves is smaller by as much as steps shrink. The worse
-            # of two steps counts: Newton may set stiff and soft directions right in turns.
-            settled = length * max(share, share_before) < left_over or (share > 0.5 and previous < round_off)
+            share, settled = _settles(length, previous, share_before, left_over, round_off)
             if settled and short and sharp:
                 return CLOSED, iteration
-            # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
-            exact = residual >= closed_below and trial > 0.01 * energy
+            exact = residual >= closed_below and trial > STAYS * energy
             # Factors keep while the loops' wrenches do: against soft directions even a small wrench counts.
             reused = sharp and length < 1e-5 and abs(largest - residual) < 1e-8 and not reused
             factored, to_floor = reused, False

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
-from pouring_robot.mechanism.closure.status import GAP_TOO_LARGE, MODE_ENDS, NOT_CONVERGED, STATUS_NAMES
+from pouring_robot.mechanism.closure.status import GAP_TOO_LARGE, MODE_ENDS, NOT_CONVERGED, STATUS_NAMES, STAYS, settles
 from pouring_robot.mechanism.joint_limits import ROUND_OFF
 from pouring_robot.report.result import Result
 
@@ -294,18 +294,12 @@ class ClosureSolver:
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
             closed = not forced and np.abs(trial.residual).max(initial=0.0) < options.closed_below
             short = length < options.step_tolerance
-            share = length / (previous or length or 1.0)  # the first has none before it; steps may be exactly zero
-            # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
-            # counts, because Newton may set stiff and soft directions right in turns.
-            settled = length * max(share, share_before) < options.left_over or (
-                share > 0.5 and length < options.round_off
-            )
+            share, settled = settles(length, previous, share_before, options.left_over, options.round_off)
             sharp = not damping and (exact or closed)
             if settled and short and sharp:
                 return trial, iteration
             kept = sharp and short and not kept
-            # Residuals of weight, and others that no longer fall steeply, are there to stay: their curvature counts.
-            exact = not closed and (forced or trial.elastic > 0.01 * state.elastic)
+            exact = not closed and (forced or trial.elastic > STAYS * state.elastic)  # residuals of weight stay, too
             if trial.energy <= best.energy or short:  # near the minimum it may rise by a few last digits
                 best = state = trial
                 previous, share_before = length, share
