@@ -25,14 +25,14 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure
-from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
+from pouring_robot.compensation.pose import LOCKED, TOLERANCE, least_commanded, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import CLIMBS_SEED
 from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
-from pouring_robot.mechanism.closure.status import STATUS_NAMES
+from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
@@ -151,6 +151,7 @@ class PathSearch:
         reached = closed.closed & met
         status = np.array(STATUS_NAMES)[closed.status].astype(object)
         status[closed.closed & ~met] = NOT_FOUND
+        status[~np.isfinite(drives).all(axis=1)] = STATUS_NAMES[SINGULAR]
         # A pose beyond the limits also does not close, or is not met: what can be mended is said, as pose by pose.
         status[np.where(reached, ~within & limits, ~self.kinematics.in_reach(self.start))] = OUT_OF_REACH
         found = (status == STATUS_NAMES[0])[:, None]
@@ -166,11 +167,12 @@ class PathSearch:
         return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
-        """Return what to take from the drives, (n, 4)."""
+        """Return what to take from the drives, (n, 4); NaN where they do not command all that is wanted."""
         moved, arm = self.warm.drives_to_end(closed), closed.rotation @ self.on_end
         place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
         matrix = np.concatenate([place, tilt_rates(moved[:, 3:], closed.rotation[:, :, 2])[:, None]], axis=1)
         good = np.isfinite(matrix).all(axis=(1, 2))
+        good[good] = least_commanded(matrix[good]) > LOCKED
         step = np.full(left.shape, np.nan)
         step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]
         return step

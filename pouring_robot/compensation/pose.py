@@ -43,6 +43,8 @@ from pouring_robot.thermal.network.history import POSE_COLUMNS
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
 TOLERANCE = 1e-11
 """The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
+LOCKED = 1e-9
+"""Where :func:`least_commanded` is no more, no drives move the frame along some direction."""
 _MOST_STEPS = 25
 _FAR = 0.1  # of Newton's longest step: drives that go further, 10 mm or 0.03 rad, are said
 
@@ -171,10 +173,15 @@ class _Search:
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
         matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
-        factors = np.linalg.svd(matrix, compute_uv=False)
-        if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
-            raise LockedPoseError(float(factors[-1] / factors[0]))
+        if not (ratio := float(least_commanded(matrix))) > LOCKED:
+            raise LockedPoseError(ratio)
         return np.asarray(-np.linalg.solve(matrix, left))
+
+
+def least_commanded(matrix: FloatArray) -> FloatArray:
+    """Return least over largest singular value of how what is wanted follows the drives, (...), by (..., 4, 4)."""
+    factors = np.linalg.svd(matrix, compute_uv=False)
+    return np.asarray(factors[..., -1] / factors[..., 0])
 
 
 def tilt_rates(turns: FloatArray, axis: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, locate_path
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmPath, locate_path
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
 
@@ -103,6 +103,21 @@ def test_what_has_no_answer_says_why(robot):
     for values in (path.drives, path.before_m, path.left):
         assert np.isfinite(values[0]).all() and np.isnan(values[1:]).all()
     assert "1 of 5 poses" in path.headline and list(path.to_frame().status) == list(path.status)
+
+
+def test_a_direction_that_no_drive_moves_is_said(robot, monkeypatch):
+    """At one pose of the path; the others are found."""
+    follow = WarmPath.drives_to_end
+
+    def without_the_second_drive(*asked):
+        moved = follow(*asked)
+        moved[1] *= [1.0, 0.0, 1.0, 1.0]
+        return moved
+
+    monkeypatch.setattr(WarmPath, "drives_to_end", without_the_second_drive)
+    path = compensate_path(HeatedRobot(robot), WANTED)
+    assert path.status.tolist() == ["closed", "singular", "closed", "closed"]
+    assert np.isnan(path.drives[1]).all()
 
 
 def test_where_loops_stay_open_it_says_so(robot):
