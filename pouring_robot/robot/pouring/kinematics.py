@@ -91,9 +91,7 @@ class FourUPUKinematics(Drawing):
 
         Raises NoSolutionError as :meth:`forward` of a layout that has no closed form.
         """
-        first, second = np.moveaxis(self._assemblies(drives)[0], 1, 0)
-        upright = np.abs(first[:, 3:]) <= np.abs(second[:, 3:])
-        return self.commands(np.where(upright, first, second)).start
+        return self.commands(self._assemblies(drives)[0][:, 0]).start
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
@@ -151,14 +149,12 @@ class FourUPUKinematics(Drawing):
             rear, front = sides / MM
             why = f"the rear legs ({rear:.2f} mm seen along y) cannot meet the front ones ({front:.2f} mm)"
             raise NoSolutionError(f"no pose has these leg lengths: {why}; check the drive values")
-        return min(
-            (PlatformPose((x, y, z), tilt) for x, y, z, tilt in poses.tolist()),
-            key=lambda pose: _branch_distance(pose, near),
-        )
+        upright, other = (PlatformPose((x, y, z), tilt) for x, y, z, tilt in poses.tolist())
+        return min(upright, other, key=lambda pose: _apart(pose, near or upright))
 
     @np.errstate(invalid="ignore", over="ignore")  # what no pose has is NaN
     def _assemblies(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the two poses that have drive values (n, 4), in m and rad: (n, 2, 4), and by which legs.
+        """Return the two poses that have drive values (n, 4), m and rad, upright first, (n, 2, 4), and by which legs.
 
         That is, of the rear legs and of the front ones, their lengths seen along y, and how far they reach along it,
         (n, 2) each. NaN is what no pose has.
@@ -181,7 +177,8 @@ class FourUPUKinematics(Drawing):
         cos, sin = np.cos(tilt), np.sin(tilt)
         x = fixed[0, 0] - (rear_fixed[..., 0] * cos + rear_fixed[..., 1] * sin)
         z = fixed[0, 1] - (rear_fixed[..., 1] * cos - rear_fixed[..., 0] * sin)
-        return np.stack([x, np.broadcast_to(y[:, None], x.shape), z, tilt], axis=-1), sides, across
+        poses = np.stack([x, np.broadcast_to(y[:, None], x.shape), z, tilt], axis=-1)
+        return np.take_along_axis(poses, np.abs(tilt).argsort(axis=1, kind="stable")[..., None], axis=1), sides, across
 
     def check_drives(self, drives: Mapping[str, float]) -> None:
         """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
@@ -207,9 +204,7 @@ def _circle_meetings(centre_a: FloatArray, radii_a: FloatArray, centres_b: Float
     return np.stack([foot + aside, foot - aside], axis=1)
 
 
-def _branch_distance(pose: PlatformPose, near: PlatformPose | None) -> float:
-    """Return how far a pose is from the wanted branch; without one, from hanging upright."""
-    if near is None:
-        return abs(pose.tilt_rad)
+def _apart(pose: PlatformPose, near: PlatformPose) -> float:
+    """Return how far two poses are apart, in m + rad."""
     gap = np.linalg.norm(np.subtract(pose.position_m, near.position_m))
     return float(gap) + abs(math.remainder(pose.tilt_rad - near.tilt_rad, 2.0 * math.pi))
