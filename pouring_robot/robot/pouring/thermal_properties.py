@@ -5,12 +5,13 @@ temperatures (°C at the user's edge, K inside).
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Share
 from pouring_robot.robot.pouring.names import LEGS
@@ -21,17 +22,10 @@ PARTS = (*LEGS, "platform", "fixed_platform")
 _Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 _Expansion = Annotated[float, Field(ge=0.0, le=1e-3)]
+Warm = TypeVar("Warm", float, FloatArray)
 
 
-class Temperature(Entry[_Celsius, Literal["degC"]]):
-    """A temperature."""
-
-    @property
-    def kelvin(self) -> float:
-        """Value in K."""
-        return self.value + ZERO_CELSIUS_K
-
-
+Temperature = Entry[_Celsius, Literal["degC"]]
 Thickness = InMetres[NonNegativeFloat, Literal["mm", "m"]]
 """Zero means that there is none."""
 Emissivity = Entry[_Fraction, Literal["1"]]
@@ -120,6 +114,10 @@ class ThermalProperties(StrictModel):
     truss: TrussProperties = TrussProperties()  # its shield
     contact: ContactProperties  # of nut and U joints
     expansion: ExpansionProperties  # reference temperature
+
+    def strain(self, degC: Warm) -> Warm:
+        """Return by which share of its length steel at a temperature, or at many, in °C, is longer than the drawing."""
+        return self.steel.expansion.value * (degC - self.expansion.reference_temperature.value)
 
 
 def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:

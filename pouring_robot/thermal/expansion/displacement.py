@@ -49,10 +49,7 @@ class DisplacementField:
         fixed_growth, moving_growth = 1.0 + expansion.fixed_platform_strain, 1.0 + expansion.platform_strain
         ladle_growth = 1.0
         if state.field is not None:
-            properties = state.field.properties
-            shell = state.field.shell_degC if ladle_degC is None else ladle_degC
-            rise = shell - properties.expansion.reference_temperature.value
-            ladle_growth += properties.steel.expansion.value * rise
+            ladle_growth += state.field.properties.strain(state.field.shell_degC if ladle_degC is None else ladle_degC)
 
         def carried(before: FloatArray, after: FloatArray) -> list[FloatArray]:
             """Return points of the moving platform, cold and warm, in the fixed one."""

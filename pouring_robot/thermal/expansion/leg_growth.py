@@ -57,12 +57,12 @@ class ThermalExpansion:
 
         An unknown part raises BadInputError, a temperature below absolute zero or not finite TemperatureError.
         """
-        reference = properties.expansion.reference_temperature.kelvin
         strain = dict.fromkeys(PARTS, 0.0)
         for part, value in degC.items():
             if part not in strain:
                 raise BadInputError(f"there is no part '{part}' that expands{closest(part, PARTS)}")
-            strain[part] = properties.steel.expansion.value * (kelvin(float(value), part) - reference)
+            kelvin(value, part)  # refuses what is no temperature
+            strain[part] = properties.strain(float(value))
         one, two, three, four = (strain[f"leg{i}"] for i in CHAINS)
         return cls((one, two, three, four), strain["platform"], strain["fixed_platform"])
 

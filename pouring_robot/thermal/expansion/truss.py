@@ -191,11 +191,10 @@ class TrussMotion:
     def under_heat(cls, layout: LayoutEntry, found: TrussTemperatures, properties: ThermalProperties) -> Self:
         """Return it for temperatures."""
         truss, points = layout.truss, _points(layout)
-        alpha, cold = properties.steel.expansion.value, properties.expansion.reference_temperature.value
         height, wheel = truss.girder_height.metres, truss.wheel_radius.metres
         girders, feet = points[: 2 * _ALONG].reshape(2, _ALONG, 3), points[2 * _ALONG :].reshape(2, -1, 3)
         step = truss.gauge.metres / found.girders_degC.shape[2]
-        bow, strain = _bow_and_strain(found, alpha, cold)
+        bow, strain = _bow_and_strain(found, properties)
         ends = step * np.arange(bow.shape[1] + 1) - 0.5 * truss.gauge.metres
         places = 0.5 * (ends[1:] + ends[:-1])
         moved = np.zeros_like(girders)
@@ -207,7 +206,7 @@ class TrussMotion:
             at = feet[0, 2 * k : 2 * k + 2, 0]
             rises = 0.5 * height * np.interp(at, places, strain[k])
             wheels[k] = _sagged(at, places, bow[k] * step, truss.gauge.metres) + rises
-        warm = alpha * (found.trolley_degC[_uprights(found, feet[0])] - cold)
+        warm = properties.strain(found.trolley_degC[_uprights(found, feet[0])])
         axles = wheels.ravel() + wheel * warm[:, -1]
         hang = -(feet[0, 0, 2] - feet[1, 0, 2]) * warm.mean(axis=1)
         leans, tilts = _plane(feet[0], wheels.ravel()), _plane(feet[1], axles - wheels.ravel() + hang)
@@ -232,12 +231,12 @@ def _points(layout: LayoutEntry) -> FloatArray:
     return np.array(girders + uprights)
 
 
-def _bow_and_strain(found: TrussTemperatures, alpha: float, cold: float) -> tuple[FloatArray, FloatArray]:
+def _bow_and_strain(found: TrussTemperatures, properties: ThermalProperties) -> tuple[FloatArray, FloatArray]:
     """Return curvature downwards, in 1/m, and strain of both girders, cell by cell, shape (2, cells)."""
     shape = found.girders_degC.shape
     height, size = (values.reshape(shape) for values in (found.girders.centres_m[:, 2], found.girders.volume_m3))
     above = height - height.mean(axis=1, keepdims=True)
-    grown = alpha * size * (found.girders_degC - cold)
+    grown = size * properties.strain(found.girders_degC)
     return -(grown * above).sum(axis=1) / (size * above**2).sum(axis=1), grown.sum(axis=1) / size.sum(axis=1)
 
 
