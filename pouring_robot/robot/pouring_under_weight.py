@@ -10,7 +10,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopStiffness, Quantity
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
-from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness
+from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, beam, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
 
 
@@ -62,4 +62,4 @@ def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessPro
     inertia = (width * height**3 - (width - 2.0 * wall) * (height - 2.0 * wall) ** 3) / 12.0
     modulus = (properties or load_stiffness()).steel.youngs_modulus.value
     force = GRAVITY_M_S2 * (float(data.mass[trolley]) + payload_kg)
-    return float(force * truss.gauge.metres**3 / (48.0 * modulus * 2.0 * inertia))
+    return force * beam(modulus, 2.0 * inertia, truss.gauge.metres)

@@ -117,9 +117,9 @@ class PartStiffness:
         bent = (length / rod + (below / length) ** 3 * length * (1.0 / tube - 1.0 / rod)) / (3.0 * E)
         cross = 0.25 * np.pi * leg.cross_radius.metres**4
         joint = {
-            "gimbal": _beam(E, leg.gimbal_bar.metres**4 / 12.0, 2.0 * leg.gimbal_half_width.metres),
-            "cross in the fork": _beam(E, cross, 2.0 * leg.fork_half_gap.metres),
-            "cross in the foot": _beam(E, cross, 2.0 * leg.foot_half_gap.metres),
+            "gimbal": beam(E, leg.gimbal_bar.metres**4 / 12.0, 2.0 * leg.gimbal_half_width.metres),
+            "cross in the fork": beam(E, cross, 2.0 * leg.fork_half_gap.metres),
+            "cross in the foot": beam(E, cross, 2.0 * leg.foot_half_gap.metres),
             # Two bearings side by side carry the leg at each of four trunnion pairs.
             "bearings": 4.0 * 0.5 * bearing,
         }
@@ -134,7 +134,7 @@ class PartStiffness:
         )
 
 
-def _beam(E: float, inertia: float, span: float) -> float:
+def beam(E: float, inertia: float, span: float) -> float:
     """Return the compliance of a beam on two supports under its middle, in m/N.
 
     A gimbal's four sides are two pairs in series, two sides a pair: as soft as one of them.
