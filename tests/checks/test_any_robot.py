@@ -12,6 +12,7 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.flags import FlagCode, wrong_rows
+from pouring_robot.checks.stated_noise import _by_weight
 from pouring_robot.cli.app import main
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -367,3 +368,12 @@ def test_kelvin_is_told_where_nobody_says_how_warm_the_hall_is(gantry, zero, par
     flags = check_campaign(gantry.campaign.with_conditions(ambient=None, **readings), gantry.drawing)
     told = [(FlagCode.CONDITION_UNIT, (f"{parts[0]}_degC",))] if zero else []
     assert [(flag.code, flag.columns) for flag in flags] == told
+
+
+def test_a_payload_hangs_where_the_robot_file_says(machine):
+    """As for the causes of a diagnosis: where a ladle's mass is counts for the robot that has one."""
+    rows, campaign = np.arange(5), machine.campaign
+    metadata = campaign.metadata.model_copy(update={"ladle_centre_of_mass_m": (0.3, 0.2, -0.5)})
+    stated = damaged(campaign, metadata=metadata)
+    first, second = (list(_by_weight(one, machine.drawing, one.drives[rows], rows)) for one in (campaign, stated))
+    np.testing.assert_array_equal(first, second)
