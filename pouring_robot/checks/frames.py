@@ -136,8 +136,7 @@ class FrameChecks:
 
         Where a unit is wrong, others of its kind may be.
         """
-        beyond = (drives < self._lower) | (drives > self._upper)
-        share = beyond.sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
+        share = self._beyond(drives).sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
         wrong: set[str] = set()
         for index in np.argsort(-share, kind="stable").tolist():
             drive = self.campaign.robot.drives[index]
