@@ -1,7 +1,6 @@
 """``campaign.yaml``: what holds for a whole campaign, in its own units and in SI units; writing both files of one."""
 
 import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -17,6 +16,7 @@ from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text
+from pouring_robot.io.units import OF_UNIT, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
@@ -64,41 +64,37 @@ class CampaignMetadata(StrictModel):
         return position / rotation if position and rotation else 1.0
 
 
-_UNITS: dict[str, dict[str, dict[str, float]]] = {
+_KEYS: dict[str, dict[str, tuple[str, ...]]] = {
     "metrology": {
-        "sigma_position_m": {"sigma_position_mm": 1e3, "sigma_position_m": 1.0},
-        "sigma_rotation_rad": {
-            "sigma_rotation_rad": 1.0,
-            "sigma_rotation_mrad": 1e3,
-            "sigma_rotation_deg": 180.0 / math.pi,
-        },
-        "sigma_distance_m": {"sigma_distance_mm": 1e3, "sigma_distance_m": 1.0},
-        "sigma_closure_m": {"sigma_closure_mm": 1e3, "sigma_closure_m": 1.0},
+        "sigma_position_m": ("sigma_position_mm", "sigma_position_m"),
+        "sigma_rotation_rad": ("sigma_rotation_rad", "sigma_rotation_mrad", "sigma_rotation_deg"),
+        "sigma_distance_m": ("sigma_distance_mm", "sigma_distance_m"),
+        "sigma_closure_m": ("sigma_closure_mm", "sigma_closure_m"),
     },
-    "drives": {"screw_pitch_m": {"screw_pitch_mm": 1e3, "screw_pitch_m": 1.0}},
-    "truss": {"truss_span_m": {"span_m": 1.0, "span_mm": 1e3}},
+    "drives": {"screw_pitch_m": ("screw_pitch_mm", "screw_pitch_m")},
+    "truss": {"truss_span_m": ("span_m", "span_mm")},
     "ladle": {
-        "ladle_tare_kg": {"tare_kg": 1.0},
-        "ladle_centre_of_mass_m": {"centre_of_mass_mm": 1e3, "centre_of_mass_m": 1.0},
+        "ladle_tare_kg": ("tare_kg",),
+        "ladle_centre_of_mass_m": ("centre_of_mass_mm", "centre_of_mass_m"),
     },
 }
 """The facts of each section of the file, named as in :class:`CampaignMetadata`: the keys that each may have, the one
-that is written first, and how many of that unit make one inside."""
+that is written first; the unit is what a key ends in."""
 
 
 class _Section(StrictModel):
     """A part of the file in which a fact may be given in one of several units."""
 
-    units: ClassVar[dict[str, dict[str, float]]] = {}
+    keys: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     def facts(self) -> dict[str, Any]:
         """Return the facts in SI units; None: not stated."""
         found: dict[str, Any] = {}
-        for fact, per_unit in self.units.items():
-            given = [name for name in per_unit if getattr(self, name) is not None]
+        for fact, keys in self.keys.items():
+            given = [name for name in keys if getattr(self, name) is not None]
             if len(given) > 1:
                 raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
-            found[fact] = (np.array(getattr(self, given[0])) / per_unit[given[0]]).tolist() if given else None
+            found[fact] = to_inner(np.array(getattr(self, given[0])), _unit(given[0])).tolist() if given else None
         return found
 
     @pydantic.model_validator(mode="after")
@@ -109,19 +105,20 @@ class _Section(StrictModel):
 
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
     """Return a section of the file as a field: its type, and what it is where it is left out."""
-    units = _UNITS[name]
-    keys: dict[str, Any] = {
-        key: (_kind(fact, unit) | None, None) for fact, per_unit in units.items() for key, unit in per_unit.items()
-    }
-    kind = pydantic.create_model(f"_{name}", __base__=_Section, **keys, **more)
-    kind.units = units
+    typed: dict[str, Any] = {key: (_kind(fact, key) | None, None) for fact, keys in _KEYS[name].items() for key in keys}
+    kind = pydantic.create_model(f"_{name}", __base__=_Section, **typed, **more)
+    kind.keys = _KEYS[name]
     return kind, kind()
 
 
-def _kind(fact: str, unit: float) -> Any:
-    """Return the type of a fact that is given in units of which so many make one inside."""
+def _unit(key: str) -> str:
+    return key.rpartition("_")[2]
+
+
+def _kind(fact: str, key: str) -> Any:
+    """Return the type of a fact as its key has it."""
     if fact.startswith("sigma_"):
-        return Annotated[float, Field(ge=float(f"{LEAST_SIGMA * unit:.3g}"), lt=1e9)]
+        return Annotated[float, Field(ge=float(f"{LEAST_SIGMA * OF_UNIT[_unit(key)][0]:.3g}"), lt=1e9)]
     return {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}.get(fact, Size)
 
 
@@ -136,7 +133,7 @@ _FIELDS: dict[str, Any] = {
     "reference_temperature_K": (Annotated[float, Field(ge=0.0, lt=1e4)] | None, None),
 }
 _FILE: Any = pydantic.create_model("_FILE", __base__=_Section, **_FIELDS)
-_FILE.units = {_TEMPERATURE: {_TEMPERATURE: 1.0, "reference_temperature_K": 1.0}}
+_FILE.keys = {_TEMPERATURE: (_TEMPERATURE, "reference_temperature_K")}
 
 
 def metadata_path(path: Path | str) -> Path:
@@ -165,10 +162,8 @@ def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadat
     """Return what such a file, which is or would be at ``path``, says; raises as :func:`read_metadata`."""
     file = validate(_FILE, content, path)
     facts = file.facts()
-    for name in _UNITS:
+    for name in _KEYS:
         facts |= getattr(file, name).facts()
-    if file.reference_temperature_K is not None:
-        facts[_TEMPERATURE] += ABSOLUTE_ZERO_DEGC
     seen = {key: getattr(file.metrology, key) for key in ("target", "frame", "frames")}
     seen["approach"] = file.drives.approach
     return CampaignMetadata(robot=file.robot, description=file.description, **seen, **facts)
@@ -181,11 +176,10 @@ def metadata_text(metadata: CampaignMetadata) -> str:
     content["metrology"] = {"target": metadata.target, "frame": metadata.frame}
     if metadata.frames != "one":
         content["metrology"]["frames"] = metadata.frames
-    for name, units in _UNITS.items():
-        for fact, per_unit in units.items():
-            (key, per), value = next(iter(per_unit.items())), getattr(metadata, fact)
-            if value is not None:
-                told = [float(f"{one * per:.12g}") for one in np.ravel(value).tolist()]
+    for name, facts in _KEYS.items():
+        for fact, (key, *_) in facts.items():
+            if (value := getattr(metadata, fact)) is not None:
+                told = [float(f"{one * OF_UNIT[_unit(key)][0]:.12g}") for one in np.ravel(value).tolist()]
                 content.setdefault(name, {})[key] = told if isinstance(value, tuple) else told[0]
     if metadata.approach != "stated":
         content.setdefault("drives", {})["approach"] = metadata.approach

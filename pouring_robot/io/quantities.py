@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, separators, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
-from pouring_robot.io.units import UNITS, Kind, to_inner
+from pouring_robot.io.units import OF_UNIT, UNITS, Kind, to_inner
 
 LIMITS: dict[Kind, tuple[float, float]] = {
     "mass": (0.0, 1e4),
@@ -20,7 +20,6 @@ LIMITS: dict[Kind, tuple[float, float]] = {
     "length": (-1e-3 * LARGEST, 1e-3 * LARGEST),  # as it may be written in mm
 }
 """What quantities of a kind lie between, in inner units; beyond is none of any robot. Others are at most LARGEST."""
-_ALL_UNITS = {unit for units in UNITS.values() for unit in units}
 
 
 def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | None:
@@ -150,7 +149,7 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
         wanted, words = " or ".join(quantity.headings), quantity.words or "this quantity"
         if heading in (quantity.name, f"{quantity.name}_") and UNITS[quantity.kind]:
             raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
-        if stem == quantity.name and (unit in _ALL_UNITS or len(unit) <= 4):
+        if stem == quantity.name and (unit in OF_UNIT or len(unit) <= 4):
             raise table.heading_fault(f"'{unit}' is no unit of {words}; write {wanted}", heading)
     # Of temperatures beside one another, as leg1_degC and leg5_degC, the second is no slip for the first.
     read = {name for name, quantity in known.items() if quantity.kind == "temperature"} & {*table.headings}

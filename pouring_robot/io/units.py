@@ -40,11 +40,12 @@ UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
 
 Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
 """
+OF_UNIT = {unit: figures for units in UNITS.values() for unit, figures in units.items()}
 
 
 def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
     """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
-    divisor, shift = next(units[unit] for units in UNITS.values() if unit in units)
+    divisor, shift = OF_UNIT[unit]
     return values / divisor + shift if shift else values / divisor
 
 

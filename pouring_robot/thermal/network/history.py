@@ -15,6 +15,7 @@ import numpy as np
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
+from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -22,7 +23,7 @@ from pouring_robot.robot.pouring.platform_pose import PlatformPose
 Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
 
-_TIMES = {"time_s": 1.0, "time_min": 60.0, "time_h": 3600.0}
+_TIMES = {f"time_{unit}": unit for unit in UNITS["time"]}
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 _STRAIGHT_K_PER_S = 1e-12
 
@@ -134,7 +135,7 @@ def read_shift(
         for row, value in enumerate(columns.get(name, ())):
             if problem := temperature_fault(float(value), surroundings=name == "ambient_degC"):
                 raise table.fault(problem, row, name)
-    times = columns[time_column] * _TIMES[time_column]
+    times = to_inner(columns[time_column], _TIMES[time_column])
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if late.size:
         raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_column)
