@@ -19,7 +19,7 @@ from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.io.units import UNITS
+from pouring_robot.io.units import MM, MRAD, UNITS
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -83,16 +83,16 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "flags": [flag.figures(campaign) for flag in found.flags],
         "undone": undone(found.flags),
         "misfit": None,
-        "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m * 1e3,
+        "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m / MM,
         "untold_of_the_frames": [] if fit is None else list(fit.untold),
     }
     if fit is not None:
         rotation = fit.rotation_scale_rad
         figures["misfit"] = {
-            "position_mm": fit.position_scale_m * 1e3,
-            "position_noise_mm": metadata.sigma_position_m and metadata.sigma_position_m * 1e3,
-            "rotation_mrad": None if rotation is None else rotation * 1e3,
-            "rotation_noise_mrad": metadata.sigma_rotation_rad and metadata.sigma_rotation_rad * 1e3,
+            "position_mm": fit.position_scale_m / MM,
+            "position_noise_mm": metadata.sigma_position_m and metadata.sigma_position_m / MM,
+            "rotation_mrad": None if rotation is None else rotation / MRAD,
+            "rotation_noise_mrad": metadata.sigma_rotation_rad and metadata.sigma_rotation_rad / MRAD,
         }
     return figures
 

@@ -242,12 +242,12 @@ class FrameChecks:
             gain = _EQUAL if self.data.stretched and not undone.stretched else _GAIN
             if after.position_scale_m / undone.size_m > gain * before:
                 break
-            metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
+            metrics = {"misfit_before_mm": fit.position_scale_m / MM, "misfit_after_mm": after.position_scale_m / MM}
             self._found(mistake.code, mistake.told, mistake.names, metrics)
             mirrored = mistake if mistake.code is FlagCode.MIRRORED_AXES else mirrored
             self.data, fit = undone, after
         if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
-            self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
+            self._no_agreement(columns.POSITION, fit.position_scale_m / MM, "mm")
             return
         if mirrored is not None and self._turns:
             self._which_axes(mirrored)
@@ -308,11 +308,11 @@ class FrameChecks:
         # Of equals the first: the simpler mistake.
         after, best = next((one for one in left if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
         if after < _GAIN * before:
-            metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
+            metrics = {"misfit_before_mrad": before / MRAD, "misfit_after_mrad": after / MRAD}
             self._found(best.code, best.message, best.names, metrics)
             self.data = dict(tried)[best]
         elif before > _HOPELESS_RAD:
-            self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
+            self._no_agreement(columns.ROTATION, before / MRAD, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
 

@@ -118,8 +118,8 @@ def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
 
 def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
     names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
-    off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
-    metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
+    off = f"{distance / MM:.3g} mm" + (f" and {angle / MRAD:.3g} mrad" if campaign.full_pose else "")
+    metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD, "deviations": score}
     code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
     if not far:
         others = f"{score:.0f} robust deviations from what the other rows say of its errors"

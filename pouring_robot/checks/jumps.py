@@ -10,6 +10,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.smooth_errors import base_residuals, robust_fit
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 _JUMP_SIGMAS = 5.0
@@ -56,14 +57,14 @@ def _jump(
         return
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
     large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
-    turn = f" and {angle * 1e3:.3g} mrad" if pose.shape[1] > 3 else ""
+    turn = f" and {angle / MRAD:.3g} mrad" if pose.shape[1] > 3 else ""
     yield found(
         campaign,
         FlagCode.MEASUREMENT_JUMP,
-        f"from about line {campaign.lines[row]} on all measurements are shifted by {distance * 1e3:.3g} mm{turn} "
+        f"from about line {campaign.lines[row]} on all measurements are shifted by {distance / MM:.3g} mm{turn} "
         f"(session {session})",
         [row],
         columns.POSITION,
-        {"step_mm": distance * 1e3, "step_mrad": angle * 1e3, "deviations": size},
+        {"step_mm": distance / MM, "step_mrad": angle / MRAD, "deviations": size},
         severity=Severity.WARNING if large else Severity.NOTE,
     )
