@@ -32,7 +32,7 @@ from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.mechanism.weight import by_a_newton, own_force, up_in_base
+from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.description.drive import Drive
 

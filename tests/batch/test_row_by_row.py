@@ -15,7 +15,7 @@ from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.local_parameters import PayloadParameter, PlacementParameter, drive_parameters
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.mechanism.weight import own_force
+from pouring_robot.mechanism.weight_on_joints import own_force
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.platform_pose import PlatformPose

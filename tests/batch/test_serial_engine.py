@@ -12,7 +12,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.local_parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.mechanism.weight import own_force
+from pouring_robot.mechanism.weight_on_joints import own_force
 from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, round_off
 
 COUNT = 600  # more than one range of samples

@@ -11,7 +11,7 @@ from pouring_robot.effects.base import EffectParameter, Family, Form, channel, o
 from pouring_robot.effects.conditions import FORCE, Conditions
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.weight import up_in_base
+from pouring_robot.mechanism.weight_on_joints import up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _LATER = 0.2
