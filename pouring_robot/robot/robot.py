@@ -126,10 +126,14 @@ class Robot:
         seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
         return tuple(joint for joint in self.model.joint_placements if joint not in seen)
 
+    def standing(self, drives: FloatArray) -> FloatArray:
+        """Return where the drives of the robot as built stand for commands (..., drives), in m and rad."""
+        return np.asarray(drives + self.model.offset_of_each_drive())
+
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
-        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
-        offsets = self.model.drive_offset_values()
-        return {name: value + offsets.get(name, 0.0) for name, value in drives.items()}
+        """Return the same by name, of all drives."""
+        mechanism = self.drawing.mechanism
+        return mechanism.named_drives(self.standing(np.array([drives[name] for name in mechanism.loops.drives])))
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
         """Return where the robot should be and where it is for commands (n, drives), in m and rad.
@@ -172,7 +176,7 @@ class Robot:
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
-        return self.engine().close(drives + self.model.offset_of_each_drive(), start)
+        return self.engine().close(self.standing(drives), start)
 
     def engine(self) -> Engine:
         """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""
@@ -272,7 +276,7 @@ class Robot:
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
         """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,)."""
-        return self.actual_solver.solve(self.actual_drives(self.drawing.mechanism.named_drives(drives)), start)
+        return self.actual_solver.solve(self.drawing.mechanism.named_drives(self.standing(drives)), start)
 
     def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
         return joint_reach(self.drawing.mechanism, nominal.joint_values | self.drawing.mechanism.named_drives(drives))

@@ -74,9 +74,9 @@ class WarmRobot(PouringRobot):
         growth = growth_of_drives(np.array([expansion.leg_strain]), mechanism.loops.drives)[0]
         self._growth = dict(zip(mechanism.loops.drives, growth.tolist(), strict=True))
 
-    def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
-        """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
-        return {name: value * self._growth[name] for name, value in super().actual_drives(drives).items()}
+    def standing(self, drives: FloatArray) -> FloatArray:
+        """As of every robot: offset, then grown with the leg."""
+        return np.asarray(super().standing(drives) * list(self._growth.values()))
 
     def built_as(self, model: RobotModel) -> Self:
         """As of every robot, as warm."""
@@ -89,10 +89,6 @@ class WarmRobot(PouringRobot):
         found = super().transfer(command, parameters, frame)
         growth = {drive.name: self._growth[drive.joint] for drive in drive_parameters(self.actual_solver.mechanism)}
         return found.copy(data=found.values * [growth.get(name, 1.0) for name in found.parameter.values.tolist()])
-
-    def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        """As of every robot, legs grown."""
-        return self.engine().close((drives + self.model.offset_of_each_drive()) * list(self._growth.values()), start)
 
     def solve(self) -> ClosureResult:
         """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
@@ -288,12 +284,10 @@ class WarmPath:
     """
 
     def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
-        robot = heated.robot
+        self.robot = robot = heated.robot
         self.strain, self.engine = strain, robot.engine()
         self.errors = self._displaced(heated) if strain.any() else None
-        drives = robot.actual_solver.mechanism.loops.drives
-        self.offsets = robot.model.offset_of_each_drive()
-        self.growth = growth_of_drives(strain, drives)
+        self.growth = growth_of_drives(strain, robot.actual_solver.mechanism.loops.drives)
         self.command = robot.kinematics.commands(poses)
 
     def _displaced(self, heated: HeatedRobot) -> FloatArray:
@@ -310,7 +304,7 @@ class WarmPath:
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then grown with the leg."""
-        return self.engine.close((drives + self.offsets) * self.growth, start, self.errors)
+        return self.engine.close(self.robot.standing(drives) * self.growth, start, self.errors)
 
     def drives_to_end(self, closed: BatchClosure) -> FloatArray:
         """Return how the end frame follows commanded drives, (n, 6, 4): its origin (m), its rotation vector (rad)."""
