@@ -32,7 +32,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = wrong_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
-    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
+    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 2, 2]))
     values = dict(zip(("x", "y", "z", "tilt"), (*poses.position_m.T * 1e3, tilt), strict=True))
     third, limits = ("seen along z", "x", "y"), dict[str, tuple[float, float]]()
     if layout is not None:
