@@ -13,6 +13,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.estimation.robust import huber_weights, robust_sigma, tukey_weights
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -38,9 +39,9 @@ def base_residuals(
     A missing cell is filled by what the other rows say of it; the noise is that of each column.
     """
     terms, stated = _smooth_terms(campaign, data.poses, with_time), campaign.metadata
-    seen = [(fit.position_residual_m, stated.sigma_position_m or 1e-6)]
+    seen = [(fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
     if fit.rotation_residual_rad is not None:
-        seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or 1e-6))
+        seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or LEAST_NOISE))
     whole = (np.column_stack([_filled(terms, column, noise) for column in residual.T]) for residual, noise in seen)
     turned = [residual @ fit.frames.T_tracker_base.rotation for residual in whole]
     return terms, np.concatenate(turned, axis=1), np.repeat([noise for _, noise in seen], 3).tolist()
