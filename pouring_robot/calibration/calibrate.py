@@ -14,7 +14,7 @@ from pouring_robot.calibration.selection import Refusal, Selection, acceptable, 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
-from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.nominal_rows import nominal_rows
 from pouring_robot.effects.stack import changes_by_stack
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import prior_std

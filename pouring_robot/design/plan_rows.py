@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.simulate import facts_of
 from pouring_robot.design.request import PlannedParameter
-from pouring_robot.effects.nominal import loads_on, nominal_rows
+from pouring_robot.effects.nominal_rows import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel

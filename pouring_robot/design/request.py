@@ -5,7 +5,7 @@ Beside the local parameters there are simple columns for what depends on how a p
 - ``backlash.<drive>`` (m or rad): the whole lost motion. A drive approached rising stands half of it below its
   command, falling half of it above.
 - ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it, which is what effects count
-  there (:func:`~pouring_robot.effects.nominal.loads_on`); to first order this is the yielding drive of
+  there (:func:`~pouring_robot.effects.nominal_rows.loads_on`); to first order this is the yielding drive of
   ``energy.Loads``. The passive leg carries nothing along its axis.
 - ``expansion.<drive>`` (1/K): a driven leg is longer by this times its length times its warmth above the reference.
 """

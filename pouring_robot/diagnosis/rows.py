@@ -20,7 +20,7 @@ import scipy.sparse
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import conditions_of, of_commands
-from pouring_robot.effects.nominal import NominalRows, nominal_rows
+from pouring_robot.effects.nominal_rows import NominalRows, nominal_rows
 from pouring_robot.effects.stack import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.first_frames import first_frames

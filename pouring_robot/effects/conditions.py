@@ -15,7 +15,7 @@ from pouring_robot.campaign.columns import approach_names, force_names, runs_in_
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.gaps import filled_in, with_gaps
-from pouring_robot.effects.nominal import NominalRows, loads_on
+from pouring_robot.effects.nominal_rows import NominalRows, loads_on
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.rotations import rotation_vectors

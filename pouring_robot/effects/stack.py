@@ -26,7 +26,7 @@ from pouring_robot.effects.conditions import (
 )
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import sources
-from pouring_robot.effects.nominal import NominalRows
+from pouring_robot.effects.nominal_rows import NominalRows
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
 from pouring_robot.mechanism.arrays import FloatArray

@@ -30,7 +30,7 @@ from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.carried import carrier, standing
 from pouring_robot.effects.conditions import of_commands, told
-from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.nominal_rows import nominal_rows
 from pouring_robot.effects.stack import learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (

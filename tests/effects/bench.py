@@ -13,7 +13,7 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
-from pouring_robot.effects import nominal
+from pouring_robot.effects import nominal_rows
 from pouring_robot.effects.available import library
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -122,7 +122,7 @@ class Bench:
     def rows_of(self, campaign, model=None):
         """Return rows that count with the rig's gravity."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(nominal, "GRAVITY_M_S2", GRAVITY)
+            patch.setattr(nominal_rows, "GRAVITY_M_S2", GRAVITY)
             return CampaignRows(campaign, model or RobotModel(), NOISE)
 
     def seen_as(self, rows, changes, rng=None):

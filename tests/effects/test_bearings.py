@@ -12,7 +12,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.conditions import conditions_of
-from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.nominal_rows import nominal_rows
 from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel

@@ -14,7 +14,7 @@ from pouring_robot.calibration.summary import notes_of, warnings_of
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
-from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.nominal_rows import nominal_rows
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.kinds import KINDS, component_name, kind_of
