@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pouring_robot.compensation.search import bring_to
 from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, LockedPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond
 from pouring_robot.mechanism.local_parameters import drive_parameters
@@ -198,7 +199,7 @@ def compensate(
     heated: HeatedRobot | PouringRobot,
     wanted: PlatformPose,
     frame: str | None = None,
-    heat_moves_m: FloatArray | None = None,
+    heat_moves_m: ArrayLike | None = None,
 ) -> Compensation:
     """Return the drive values that bring the actual ladle to a pose.
 
@@ -211,7 +212,7 @@ def compensate(
             paper's sum: for the cold robot, sent as far the other way. What is left is still that of the full closure.
 
     Raises:
-        BadInputError: the robot or the pose is none.
+        BadInputError: the robot or the pose is none, or ``heat_moves_m`` no displacement.
         UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
         CompensationError: no drive values are found.
         SingularPoseError: the drives do not determine the platform at this pose.
@@ -239,7 +240,8 @@ def compensate(
         if heat_moves_m is None:
             state = heated.settle(wanted, search.close)
         else:
-            search.target_m = search.target_m - heat_moves_m
+            said = "what heat moves is a displacement (x, y, z) of finite numbers, in m"
+            search.target_m = search.target_m - finite(heat_moves_m, (3,), said)
             HeatedRobot(heated.robot).settle(wanted, search.close)
             state = held(search.drives)
         result = state.result

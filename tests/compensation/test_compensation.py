@@ -192,3 +192,14 @@ def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
     for call in (compensate, lambda robot, pose: HeatedRobot(robot).locate(pose)):
         with pytest.raises(BadInputError, match="a pose is a PlatformPose, not a ndarray"):
             call(as_built, np.zeros(4))
+
+
+@pytest.mark.parametrize("given", [1e-3, [0.0, 1e-3], [0.0, 0.0, np.nan], "down"])
+def test_what_heat_moves_is_a_displacement(as_built, given):
+    with pytest.raises(BadInputError, match=r"is a displacement \(x, y, z\) of finite numbers, in m"):
+        compensate(as_built, POSE, heat_moves_m=given)
+
+
+def test_the_papers_sum_sends_the_cold_robot_as_far_the_other_way(as_built):
+    found = compensate(as_built, POSE, heat_moves_m=[0.0, 0.0, 1e-3])
+    assert found.left.translation_m == pytest.approx([0.0, 0.0, -1e-3], abs=1e-9)
