@@ -14,10 +14,11 @@ from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.io.units import OF_UNIT, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.heat_section import Surroundings
 
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
 LEAST_SIGMA = 1e-8
@@ -50,7 +51,7 @@ class CampaignMetadata(StrictModel):
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
     ladle_centre_of_mass_m: Triple | None = None  # in the moving platform's frame
-    reference_temperature_degC: float | None = None  # at which the drawing holds
+    reference_temperature_degC: Surroundings | None = None  # at which the drawing holds
 
     @property
     def own_frames(self) -> bool:
@@ -122,15 +123,15 @@ def _kind(fact: str, key: str) -> Any:
     return {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}.get(fact, Size)
 
 
-_TEMPERATURE = "reference_temperature_degC"
+_TEMPERATURE, _HOTTEST_K = "reference_temperature_degC", HOTTEST_SURROUNDINGS_DEGC + ZERO_CELSIUS_K
 _FIELDS: dict[str, Any] = {
     "robot": (str | None, None),
     "description": (str, ""),
     "metrology": _section("metrology", target=(str, "moving_platform"), frame=(str, "tracker"), frames=(Frames, "one")),
     "drives": _section("drives", approach=(Approach, "stated")),
     **{name: _section(name) for name in ("truss", "ladle")},
-    _TEMPERATURE: (Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None, None),
-    "reference_temperature_K": (Annotated[float, Field(ge=0.0, lt=1e4)] | None, None),
+    _TEMPERATURE: (Surroundings | None, None),
+    "reference_temperature_K": (Annotated[float, Field(ge=0.0, le=_HOTTEST_K)] | None, None),
 }
 _FILE: Any = pydantic.create_model("_FILE", __base__=_Section, **_FIELDS)
 _FILE.keys = {_TEMPERATURE: (_TEMPERATURE, "reference_temperature_K")}

@@ -1,13 +1,11 @@
 """The effect stack of a model file: effects found by diagnosis, with their parameters and standard deviations."""
 
-from typing import Annotated
-
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import Range, Size, StrictModel
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.heat_section import Surroundings
 
 
 class ParameterEntry(StrictModel):
@@ -35,7 +33,7 @@ class LearnedCampaign(StrictModel):
     # mean temperature above the reference, by thermometer
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
-    reference_temperature_degC: Annotated[float, pydantic.Field(ge=ABSOLUTE_ZERO_DEGC)]
+    reference_temperature_degC: Surroundings
     screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: Size | None = None  # mass of the empty ladle

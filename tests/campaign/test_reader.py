@@ -158,6 +158,8 @@ def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
         ("metrology: {sigma_positon_mm: 1}", ["did you mean 'sigma_position_mm'"]),
         ("metrology: {sigma_position_mm: 0.1, sigma_position_m: 0.1}", ["same thing"]),
         ("reference_temperature_degC: hot", ["reference_temperature_degC"]),
+        ("reference_temperature_degC: 293.15", ["reference_temperature_degC", "hotter than any surroundings"]),
+        ("reference_temperature_K: 2000", ["reference_temperature_K", "423.15"]),
         ("ladle: {centre_of_mass_mm: [1, 2]}", ["centre_of_mass_mm"]),
         ("ladle: {tare_kg: 180000}", ["tare_kg", "10000"]),
         ("[1, 2]", ["mapping"]),

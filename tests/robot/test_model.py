@@ -159,7 +159,8 @@ def test_mistakes(written, text, words):
         ("mean_rise_k", {"leg_1": 3.0}, "learned.campaign.mean_rise_k: unknown key 'leg_1'; did you mean 'leg1'"),
         ("ladle_tare_kg", -180, "'learned.campaign.ladle_tare_kg': .*greater than 0"),
         ("truss_span_m", 0, "'learned.campaign.truss_span_m': .*greater than 0"),
-        ("reference_temperature_degC", -300, "'learned.campaign.reference_temperature_degC': .*-273.15"),
+        ("reference_temperature_degC", -300, "'learned.campaign.reference_temperature_degC': .*absolute zero"),
+        ("reference_temperature_degC", 293.15, "hotter than any surroundings"),
     ],
 )
 def test_what_was_learned_is_of_this_robot(written, key, value, words):
