@@ -13,6 +13,7 @@ from pouring_robot.mechanism.closure.energy import (
     log_wrench_derivative,
     motion_cross,
 )
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
@@ -193,11 +194,30 @@ def test_brackets_agree_with_pinocchio():
         ({"drive_stiffness": {"leg1_s3": np.nan}}, "leg1_s3"),
         ({"drive_stiffness": {"leg1_s3": np.inf}}, "leg1_s3"),
         ({"gravity": True, "payload_kg": 1.0, "payload_centre_m": (0.0, np.nan, 0.0)}, "centre"),
+        ({"gravity": True, "payload_kg": 1.0, "payload_centre_m": (0.0, 0.0)}, "centre"),
+        ({"gravity": (0.0, 0.0, 9.81)}, "True or False: whether weight acts, along -z of the world, not a tuple"),
+        ({"gravity": True, "payload_kg": "much"}, "payload"),
+        ({"drive_stiffness": 1e6}, "a mapping by their joints, not a float"),
+        ({"drive_stiffness": {"leg1_s3": "stiff"}}, "leg1_s3"),
     ],
 )
 def test_loads_without_physical_meaning_are_refused(arguments, words):
     with pytest.raises(BadInputError, match=words):
         Loads(**arguments)
+
+
+def test_loads_stay_as_they_were_given(drawing):
+    soft, centre = {"leg1_s3": 1e6}, [0.0, 0.0, 0.1]
+    loads = Loads(gravity=True, payload_kg=1, payload_centre_m=centre, drive_stiffness=soft)
+    soft["leg1_s3"] = centre[2] = 1.0
+    assert loads == Loads(True, 1.0, None, (0.0, 0.0, 0.1), {"leg1_s3": 1e6})
+
+
+def test_what_is_no_loads_or_options_is_refused(drawing):
+    with pytest.raises(BadInputError, match="loads are Loads, not a bool"):
+        ClosureSolver(drawing.nominal_solver.mechanism, True)
+    with pytest.raises(BadInputError, match="options of a closure are ClosureOptions, not a dict"):
+        ClosureSolver(drawing.nominal_solver.mechanism, options={"max_gap_m": 0.1})
 
 
 def test_loads_on_absent_parts_are_refused(drawing):

@@ -28,7 +28,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.io.given import expect
+from pouring_robot.mechanism.arrays import FloatArray, finite, locked
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import skew
 
@@ -40,9 +41,9 @@ _SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
 
 @dataclass(frozen=True)
 class Loads:
-    """What bends the mechanism: weight and yielding drives. The default is none."""
+    """What bends the mechanism: weight and yielding drives, by default none. What is no load raises BadInputError."""
 
-    gravity: bool = False  # whether the links' weight acts
+    gravity: bool = False  # whether the links' weight acts, along -z of the world
     payload_kg: float = 0.0  # mass carried in addition to the URDF's links
     payload_frame: str | None = None  # frame that carries it; None: the loops file's end frame
     payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its centre of mass in that frame, in m
@@ -50,15 +51,26 @@ class Loads:
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        if self.payload_kg and not self.gravity:
-            raise BadInputError(f"a payload of {self.payload_kg} kg weighs nothing without gravity; switch gravity on")
-        if not all(np.isfinite(self.payload_centre_m)):
-            raise BadInputError(f"the payload's centre must be three finite numbers, not {self.payload_centre_m}")
-        if not 0.0 <= self.payload_kg < np.inf:
-            raise BadInputError(f"the payload must be zero or positive, not {self.payload_kg} kg")
+        expect(self.gravity, bool | np.bool_, "gravity is True or False: whether weight acts, along -z of the world")
+        said = f"the payload must be a finite mass in kg, zero or positive, not {self.payload_kg}"
+        payload = finite(self.payload_kg, (), said)
+        if payload < 0.0:
+            raise BadInputError(said)
+        if payload and not self.gravity:
+            raise BadInputError(f"a payload of {payload:g} kg weighs nothing without gravity; switch gravity on")
+        said = f"the payload's centre must be three finite numbers, in m, not {self.payload_centre_m}"
+        centre = tuple(finite(self.payload_centre_m, (3,), said).tolist())
+        expect(self.drive_stiffness, Mapping, "the stiffness of drives is a mapping by their joints")
+        soft = {}
         for joint, stiffness in self.drive_stiffness.items():
-            if not 0.0 < stiffness < np.inf:
-                raise BadInputError(f"the stiffness of drive '{joint}' must be positive and finite, not {stiffness}")
+            said = f"the stiffness of drive '{joint}' must be positive and finite, not {stiffness}"
+            soft[joint] = finite(stiffness, (), said).item()
+            if soft[joint] <= 0.0:
+                raise BadInputError(said)
+        # What was given is the caller's, and may change.
+        plain = {"payload_kg": payload.item(), "payload_centre_m": centre, "drive_stiffness": locked(soft)}
+        for name, value in plain.items():
+            object.__setattr__(self, name, value)
 
 
 NO_LOADS = Loads()

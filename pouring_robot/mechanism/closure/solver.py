@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
@@ -189,6 +190,8 @@ class ClosureSolver:
     def __init__(
         self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
+        expect(loads, Loads, "loads are Loads")
+        expect(options, ClosureOptions, "options of a closure are ClosureOptions")
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
