@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
 from pouring_robot.mechanism.joint_types import unit_of
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopSpec, LoopStiffness
@@ -241,7 +242,8 @@ class ClosedChainMechanism:
         return end.placement.actInv(wanted.placement)
 
     def frame_id(self, name: str) -> int:
-        """Return Pinocchio's index of a frame; raises UnknownFrameError where there is no such frame."""
+        """Return Pinocchio's index of a frame; raises UnknownFrameError where there is none of that name."""
+        expect(name, str, "a frame is asked for by its name")
         model = self.shared_model
         if not model.existFrame(name):
             raise UnknownFrameError(name, (frame.name for frame in model.frames))
@@ -253,7 +255,8 @@ class ClosedChainMechanism:
         return self.placement_on_end(str(self.loops.working_frame))
 
     def joint_id(self, name: str) -> int:
-        """Return Pinocchio's index of a moving joint; raises UnknownJointError where there is no such joint."""
+        """Return Pinocchio's index of a moving joint; raises UnknownJointError where there is none of that name."""
+        expect(name, str, "a joint is asked for by its name")
         if not self.shared_model.existJointName(name):
             raise UnknownJointError(name, list(self.shared_model.names)[1:])
         return int(self.shared_model.getJointId(name))
@@ -279,14 +282,15 @@ class ClosedChainMechanism:
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
 
-        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, a value that is not
-        finite or a configuration of another length.
+        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, values that are no
+        mapping or not finite, or a configuration of another length.
         """
         result = np.array(configuration, dtype=float)
         if result.shape != (self.shared_model.nq,):
             raise BadInputError(
                 f"a configuration of this robot has shape ({self.shared_model.nq},), not {result.shape}"
             )
+        expect(values, Mapping, "values of joints, in m and rad, are a mapping by their names")
         for name, value in values.items():
             joint = self.shared_model.joints[self.joint_id(name)]
             if not isinstance(value, float | int | np.floating | np.integer) or not np.isfinite(value):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.samples import BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
@@ -30,7 +31,7 @@ from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
-from pouring_robot.robot.robot import Command, Robot
+from pouring_robot.robot.robot import LOCATED, Command, Robot
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,6 +189,7 @@ class PouringRobot(Robot):
 
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
+        expect(pose, PlatformPose, "a pose is a PlatformPose")
         (lower, upper), values = self.layout.box, np.array([*pose.position_m, pose.tilt_rad])
         outside = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
         outside[outside < ROUND_OFF] = 0.0  # a box limit typed in mm or degrees must not count as outside by round-off
@@ -200,6 +202,7 @@ class PouringRobot(Robot):
 
     def axis_weakness(self, location: Location) -> AxisWeakness:
         """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
+        expect(location, Location, LOCATED)
         return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 
 

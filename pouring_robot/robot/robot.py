@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError
-from pouring_robot.io.given import as_tuple
+from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -53,6 +53,8 @@ NUMBERS = "numbers are drive values, in m and rad, and a pose is a PlatformPose 
 """What a command of numbers means, for errors."""
 LOADED = "give a Robot, as load_robot and Robot.load make it"
 """What is wanted where no robot is given, for errors."""
+LOCATED = "give a location, as robot.locate(pose) and robot.location_at(drives) return"
+"""What is wanted where none is given, for errors."""
 
 
 class Robot:
@@ -289,6 +291,7 @@ class Robot:
 
     def dexterity(self, location: Location) -> Dexterity:
         """Return condition and distance to singularity of the actual robot at a location."""
+        expect(location, Location, LOCATED)
         mechanism = self.actual_solver.mechanism
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
         moved = closed_chain_transfer(self.actual_solver, location.actual, drive_parameters(mechanism)).matrix

@@ -46,6 +46,12 @@ def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
         mechanism.placement_on_end("ladle_lips")
     with pytest.raises(BadInputError, match="'fixed_platform' moves against 'moving_platform'; name a frame"):
         mechanism.placement_on_end("fixed_platform")
+    with pytest.raises(BadInputError, match="a frame is asked for by its name, not a int"):
+        mechanism.placement_on_end(3)
+    with pytest.raises(BadInputError, match="a joint is asked for by its name, not a int"):
+        mechanism.joint_id(3)
+    with pytest.raises(BadInputError, match="values of joints, in m and rad, are a mapping by their names, not a list"):
+        mechanism.with_joint_values(mechanism.neutral_configuration(), [0.5, 0.5, 0.5, 0.0])
 
 
 def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):

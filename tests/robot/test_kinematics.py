@@ -154,6 +154,8 @@ def test_forward_needs_one_value_for_each_drive(drawing):
                 forward(fewer)
         with pytest.raises(BadInputError, match="'leg2_s33' is no drive; did you mean 'leg2_s3'"):
             forward(drives | {"leg2_s33": 0.5})
+        with pytest.raises(BadInputError, match="are a mapping by the names of their joints, not a list"):
+            forward(list(drives.values()))
     with pytest.raises(BadInputError, match="is missing"):
         drawing.forward({}, near=PlatformPose((-0.1, 0.0, -0.6), 0.0))
 

@@ -200,3 +200,16 @@ def test_poses_of_another_kind_are_refused_in_one_line(drawing):
     with pytest.raises(BadInputError, match="RobotModel or the path of its file, not a int"):
         load_robot(3)
     assert repr(drawing) == "<PouringRobot: layout paper, 0 displaced joints and drives>"
+
+
+def test_what_is_asked_of_another_kind_is_refused_in_one_line(drawing):
+    pose = PlatformPose((-0.1, 0.0, -0.6), 0.0)
+    for call, given, words in (
+        (drawing.outside_workspace, [0.0, 0.0, -0.6, 0.0], "a pose is a PlatformPose, not a list"),
+        (drawing.dexterity, pose, "give a location, .* not a PlatformPose"),
+        (drawing.axis_weakness, pose, "give a location, .* not a PlatformPose"),
+        (PlatformPose.from_se3, np.eye(4), "a full pose is a pinocchio.SE3, not a ndarray"),
+        (drawing.locate(pose).difference, 3, "a frame is asked for by its name, not a int"),
+    ):
+        with pytest.raises(BadInputError, match=words):
+            call(given)

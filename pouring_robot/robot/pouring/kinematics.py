@@ -183,6 +183,7 @@ class FourUPUKinematics(Drawing):
     def check_drives(self, drives: Mapping[str, float]) -> None:
         """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
         wanted = self.mechanism.loops.drives
+        expect(drives, Mapping, "drive values, in m and rad, are a mapping by the names of their joints")
         for name in drives:
             if name not in wanted:
                 raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")

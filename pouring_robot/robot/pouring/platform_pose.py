@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import finite
 
@@ -36,6 +37,7 @@ class PlatformPose:
     @classmethod
     def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> Self:
         """Take the four freedoms out of a full pose: its position, and its tilt about y."""
+        expect(pose_fixed_platform_to_moving_platform, pin.SE3, "a full pose is a pinocchio.SE3")
         rotation = pose_fixed_platform_to_moving_platform.rotation
         x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)
         return cls((x, y, z), math.atan2(rotation[0, 2], rotation[2, 2]))
