@@ -37,7 +37,7 @@ def sensitivity(
     """
     from pouring_robot.io.units import DEG, MM, MRAD
     from pouring_robot.sensitivity import report
-    from pouring_robot.sensitivity.analysis import sensitivity as studied
+    from pouring_robot.sensitivity.analysis import left_out, study
 
     limits = zip((x_mm, y_mm, z_mm, tilt_deg), (MM, MM, MM, DEG), strict=True)
     request = report.Request(
@@ -51,10 +51,10 @@ def sensitivity(
         limit_m=limit_mm * MM,
     )
     model = which.read()
-    if not model.is_drawing or model.effects or model.heat:
-        options.note(f"this command studies the drawing; errors, effects and heat of {which.model} are left out")
+    if said := left_out(model, "this command", str(which.model)):
+        options.note(said)
     with progress.stage_bars() as show:
-        found = studied(model, request, show)
+        found = study(model, request, show)
         written = found.save(out) if out is not None else []
     if as_json:
         return options.print_figures(found.figures(), written)

@@ -5,6 +5,7 @@ held the end. A robot without loops has one and the same. First order is compare
 errors at some of the poses, and the largest difference reported.
 """
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 from pouring_robot.batch import BatchStart, BatchTransfer, CompiledEngine, SiteErrors, engine_for
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter
@@ -32,13 +34,30 @@ def sensitivity(
 ) -> SensitivityReport:
     """Study what each geometric error of a robot of the drawing does alone.
 
-    ``robot``: a model, a model file or a robot file; by default the pouring robot.
+    ``robot``: a model, a model file or a robot file; by default the pouring robot. Of a model the drawing is taken: a
+    warning says where it says more.
 
     Raises:
-        BadInputError: a name or a range is wrong.
+        BadInputError: a name or a range is wrong, or the request is none.
         NoSolutionError: the robot closes at fewer than two poses, or reaches fewer within the ranges.
     """
-    request, model = request or Request(), RobotModel.of(robot)
+    model = RobotModel.of(robot)
+    if said := left_out(model, "sensitivity", "the model"):
+        warnings.warn(said, stacklevel=2)
+    return study(model, request, progress)
+
+
+def left_out(model: RobotModel, who: str, name: str) -> str:
+    """Return, in a line, what ``who`` studies the drawing leaves out of the model called ``name``; "" where nothing."""
+    if model.is_drawing and not model.effects and not model.heat:
+        return ""
+    return f"{who} studies the drawing; errors, effects and heat of {name} are left out"
+
+
+def study(model: RobotModel, request: Request | None, progress: Progress) -> SensitivityReport:
+    """As :func:`sensitivity`, for who says :func:`left_out` otherwise."""
+    request = request or Request()
+    expect(request, Request, "what is studied is a Request")
     definition = model.definition
     drawing = definition.drawing()
     mechanism = drawing.mechanism

@@ -11,10 +11,11 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_together
+from pouring_robot.io.given import as_tuple, whole
 from pouring_robot.io.seeds import SENSITIVITY_SEED
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, finite, numbers
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
@@ -33,7 +34,7 @@ _ALIKE_MM = 1e-6
 
 @dataclass(frozen=True)
 class Request:
-    """What to study; a number that is out of its range raises BadInputError."""
+    """What to study; a number that is out of its range, or none, raises BadInputError."""
 
     poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
     seed: int = SENSITIVITY_SEED  # of their drawing from the workspace box; other robots' drives are spread evenly
@@ -47,10 +48,18 @@ class Request:
     limit_m: float = MM  # errors that pass it in a coordinate are those to control
 
     def __post_init__(self) -> None:
-        if self.poses < 2 or self.seed < 0:
-            raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
-        if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and 0.0 < self.limit_m < math.inf):
-            raise BadInputError("errors and limit must be positive, errors below 100 mm and 500 mrad")
+        whole(self.poses, 2, "give two poses or more")
+        whole(self.seed, 0, "the seed is a whole number from 0 on")
+        said = "errors and limit must be positive, errors below 100 mm and 500 mrad"
+        length, angle, limit = finite((self.length_m, self.angle_rad, self.limit_m), (3,), said)
+        if not (0.0 < length < 0.1 and 0.0 < angle < 0.5 and limit > 0.0):
+            raise BadInputError(said)
+        said, given = "a box is four ranges or None: of x, y, z in m and of the tilt in rad", as_tuple(self.box)
+        if len(given) != len(_SHOWN_IN):
+            raise BadInputError(said)
+        box = tuple(limits if limits is None else tuple(numbers(limits, (2,), said).tolist()) for limits in given)
+        object.__setattr__(self, "box", box)
+        object.__setattr__(self, "parameters", as_tuple(self.parameters))
         for limits, said in zip(filter(None, self.box), ranges(self.box), strict=True):
             if not -math.inf < limits[0] <= limits[1] < math.inf:
                 raise BadInputError(f"a range must run upwards and be finite, unlike {said}")
@@ -185,7 +194,7 @@ class SensitivityReport(Result):
             "class_rad": _class(angle, _NOTHING_RAD),
         }
 
-    def save(self, folder: Path) -> list[Path]:
+    def save(self, folder: Path | str) -> list[Path]:
         """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
 
         Raises:
@@ -194,6 +203,7 @@ class SensitivityReport(Result):
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.samples import box_plots, distributions
 
+        folder = Path(folder)
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": rows_csv(self.rows),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",

@@ -14,7 +14,7 @@ from pouring_robot.sensitivity.analysis import sensitivity
 from pouring_robot.sensitivity.report import Request
 from pouring_robot.sensitivity.samples import peak
 from scripts.paper.geometry.study import run_study
-from tests.support import ROOT, gantry_file
+from tests.support import ACTUAL, ROOT, gantry_file
 
 DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
 
@@ -118,6 +118,12 @@ def test_poses_out_of_reach_are_said():
         ({"poses": 1}, "two poses"),
         ({"angle_rad": 1.0}, "below 100 mm and 500 mrad"),
         ({"limit_m": np.inf}, "errors and limit must be positive"),
+        ({"length_m": "x"}, "errors and limit must be positive"),
+        ({"poses": 2.5}, "two poses or more, not 2.5"),
+        ({"seed": 1.5}, "a whole number from 0 on, not 1.5"),
+        ({"box": None}, "a box is four ranges or None: of x, y, z in m and of the tilt in rad"),
+        ({"box": ((-1.0, 1.0),)}, "a box is four ranges"),
+        ({"box": ("x", None, None, None)}, "a box is four ranges"),
         ({"box": ((0.1, -0.1), None, None, None)}, "run upwards and be finite, unlike x from 100 to -100 mm"),
         ({"box": (None, None, None, (0.0, np.inf))}, "unlike tilt from 0 to inf deg"),
     ],
@@ -165,3 +171,23 @@ def test_everything_is_written(pouring, tmp_path):
     # Leg 1's foot: 330 mm and 182.5 mm from o.
     assert abs(table[1, "56"]["d_mm"]) == pytest.approx(330.0) and table[1, "6o"]["a_mm"] == pytest.approx(182.5)
     assert table[1, "O0"]["drops_out"] == "a alpha d" and abs(table[1, "34"]["alpha_deg"]) == pytest.approx(90.0)
+
+
+def test_one_name_is_one_name_and_what_is_asked_may_be_arrays():
+    one = Request(poses=2, parameters="alpha_e1_01", box=(np.array([-0.1, 0.1]), None, None, None))
+    assert one == Request(poses=2, parameters=("alpha_e1_01",), box=((-0.1, 0.1), None, None, None))
+    with pytest.raises(BadInputError, match="what is studied is a Request, not a dict"):
+        sensitivity(None, {"poses": 2})
+
+
+def test_a_study_is_saved_where_a_text_says(tmp_path):
+    found = sensitivity(None, Request(poses=2, parameters="alpha_e1_01"))
+    assert found.save(str(tmp_path / "out")) == found.save(tmp_path / "out")
+
+
+def test_that_only_the_drawing_of_a_model_is_studied_is_said_to_who_asks():
+    with pytest.warns(
+        UserWarning, match="sensitivity studies the drawing; errors, effects and heat of the model"
+    ) as said:
+        sensitivity(ACTUAL, Request(poses=2, parameters="alpha_e1_01"))
+    assert [warning.filename for warning in said] == [__file__]
