@@ -12,7 +12,7 @@ import contextlib
 import copy
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,6 +43,7 @@ from pouring_robot.exceptions import (
     closest,
     counted,
 )
+from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import first_fault
 from pouring_robot.io.tables import read_table
@@ -65,9 +66,13 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
 
     Raises BadInputError if a heading is no condition of the robot, one is said twice, or a value is impossible.
     """
+    if not hasattr(given, "items"):  # those of a data frame will do
+        said = "conditions are a mapping by a campaign's heading, such as {'payload_kg': 400}"
+        raise BadInputError(f"{said}, not a {type(given).__name__}")
     known = {heading: quantity for quantity in robot.condition_columns for heading in quantity.headings}
     found: dict[str, Any] = {}
     for heading, values in given.items():
+        expect(heading, str, "conditions go by a campaign's heading")
         if heading not in known:
             same = [quantity.canonical for quantity in known.values() if quantity.name == heading.rpartition("_")[0]]
             near = f"; did you mean '{same[0]}'?" if same else closest(heading, known)
@@ -138,15 +143,16 @@ class RobotUnderConditions:
         under = ", ".join(self.given) or "no condition"
         return f"<{type(self).__name__}: {' '.join(*model.named.items())}, {effects} under {under}>"
 
-    def robots(self, drives: FloatArray) -> list[Robot]:
+    def robots(self, drives: ArrayLike) -> list[Robot]:
         """Return the robot as it stands at each command: drives (n, drives), in m and rad.
 
         Raises:
             MissingConditionsError: an effect needs a condition that is not given.
-            BadInputError: there are not as many values of a condition as commands.
+            BadInputError: there are not as many values of a condition as commands, or drives are none.
             NoSolutionError: the drawing does not close at a command.
         """
-        if not self.robot.model.conditional:
+        drives = self.robot.commands_of(drives)
+        if not self.robot.model.conditional or not len(drives):
             return [self.robot] * len(drives)
         campaign = self._rows(drives)
         engine = engine_for(self.robot.nominal_solver.mechanism)
@@ -192,14 +198,13 @@ class RobotUnderConditions:
         except ValueError as problem:
             raise BadInputError(f"give each condition one value, or one for each of the {count} commands") from problem
         numbers |= {drive.column: drive.commanded(values) for drive, values in commanded}
-        names = tuple(map(str, session.tolist()))
         return Campaign(
             robot=self.definition,
             path=Path("commands"),
             metadata=CampaignMetadata(),
             lines=np.arange(1, count + 1),
             samples=("",) * count,
-            sessions=names,
+            sessions=tuple(session.tolist()),  # numbers that do not count name none
             headings={},
             ignored_columns=(),
             **arrays_from(numbers, self.definition),
@@ -287,8 +292,12 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
     of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
     under = RobotUnderConditions(model, given)
-    drives = [under.robot.drives_of(command) for command in commands]
-    return under.robots(np.array(drives)) if drives else []
+    return under.robots(_drives(under.robot, commands))
+
+
+def _drives(robot: Robot, commands: Iterable[Command]) -> FloatArray:
+    expect(commands, Iterable, "commands are several: a list of poses, or of drive values")
+    return robot.commands_of([robot.drives_of(command) for command in commands])
 
 
 def compensate_under(
@@ -304,8 +313,9 @@ def compensate_under(
 
     Raises CompensationError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
-    commands, moving = np.array([under.robot.drives_of(command) for command in wanted]), np.arange(len(wanted))
-    found: dict[int, Found] = {}
+    expect(under, RobotUnderConditions, "what is commanded is a RobotUnderConditions")
+    commands = _drives(under.robot, wanted)
+    found, moving = dict[int, Found](), np.arange(len(commands))
     for _ in range(_MOST_TURNS):
         robots, before = under.robots(commands), commands.copy()
         for k in moving.tolist():
@@ -314,7 +324,7 @@ def compensate_under(
             found[k] = replace(brought, before=found[k].before) if k in found else brought
             commands[k] = list(brought.drives.values())
         moving = np.flatnonzero(np.abs(commands - before).max(axis=1) > _SETTLED)
-        show("compensating", len(wanted) - moving.size, len(wanted))
+        show("compensating", len(commands) - moving.size, len(commands))
         if not moving.size or not under.robot.model.conditional:
             return list(found.values())
     first = int(moving[0])

@@ -149,9 +149,7 @@ class Robot:
             BadInputError: the array has another shape, holds a number that is not finite or is masked, or is a table
                 with headings, which are not read.
         """
-        names = self.drawing.mechanism.loops.drives
-        demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"
-        commanded = finite(drives, (None, len(names)), demand)
+        names, commanded = self.drawing.mechanism.loops.drives, self.commands_of(drives)
         start = self.drawing.starts(commanded)
         closed = self.close(commanded, start)
         answered = np.isfinite(start.position).all(axis=1)  # else the drawing has no pose for these drives
@@ -162,6 +160,12 @@ class Robot:
             "commanded_drives": (("pose", "drive"), commanded),
         }
         return self._dataset(start, closed, self._in_reach(start, closed) | (answered & ~closed.closed), coordinates)
+
+    def commands_of(self, drives: ArrayLike) -> FloatArray:
+        """Return a copy of commands (n, drives), in m and rad; raises BadInputError as :meth:`locate_drives`."""
+        names = self.drawing.mechanism.loops.drives
+        demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"
+        return finite(drives, (None, len(names)), demand)
 
     def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
         """Return where the joints' limits allow the drawing's poses, and those as built where they count, (n,)."""

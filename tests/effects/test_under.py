@@ -282,6 +282,9 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({"payload_kg": -3.0}, "payload_kg: -3 kg is no load, which is 0 to 10000 kg"),
         ({"approach_q1": 0.5}, "approach_q1: give +1 or -1 for every command, not 0.5"),
         ({"time_s": [1.0, 2.0, 3.0]}, "give each condition one value, or one for each of the 2 commands"),
+        ({"time_s": 0.0, "session": [1.0, 2.0]}, "each sample, session and distance_from of a campaign is a text"),
+        ({"time_s": 0.0, "session": None}, "is a text, not a NoneType"),
+        ({3: 0.0}, "conditions go by a campaign's heading, not a int"),
     ],
 )
 def test_bad_conditions_are_refused_on_one_line(bench, given, said):
@@ -400,8 +403,27 @@ def test_no_commands_are_no_robots_and_numbers_are_drives(bench):
         rows_of(bench.campaign, RobotModel()), EffectEntry(effect="base_drift", form="steady", learned="bench")
     )
     assert robots_under(model, [], {}) == []
+    assert compensate_under(RobotUnderConditions(model, {}), [], lambda k, robot: None) == []
     with pytest.raises(NoSolutionError, match=r"command 1: .* numbers are drive values, in m and rad"):
         robots_under(model, np.array([[-0.1, 0.02, -0.6, 0.3]]), {"time_s": 0.0})
+
+
+def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
+    pose, given = PlatformPose((-0.1, 0.02, -0.6), 0.3), {"payload_kg": 400.0}
+    under = RobotUnderConditions(LEARNED, given)
+    for call, words in (
+        (lambda: robots_under(LEARNED, [pose], None), r"are a mapping by a campaign's heading, .* not a NoneType"),
+        (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "are a mapping by a campaign's heading"),
+        (lambda: robots_under(LEARNED, pose, given), "commands are several: .* not a PlatformPose"),
+        (lambda: under.robots([0.55, 0.55, 0.70, -0.09]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
+        (lambda: under.robots([[0.55, 0.55, 0.70]]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
+        (lambda: compensate_under(under, pose, lambda k, robot: None), "commands are several"),
+        (lambda: compensate_under(LEARNED, [pose], lambda k, robot: None), "is a RobotUnderConditions"),
+    ):
+        with pytest.raises(BadInputError, match=words):
+            call()
+    drives = under.robot.drives_of(pose)
+    assert [one.model for one in under.robots([drives.tolist()])] == [one.model for one in under.robots(drives[None])]
 
 
 @pytest.mark.filterwarnings("error")
