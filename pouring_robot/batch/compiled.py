@@ -19,6 +19,7 @@ from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transf
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
+from pouring_robot.io.given import whole
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
@@ -39,8 +40,8 @@ class CompiledEngine(Engine):
     def __init__(
         self, mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
-        if threads is not None and threads < 1:
-            raise BadInputError(f"the number of threads must be positive, not {threads}")
+        if threads is not None:
+            whole(threads, 1, "the number of threads must be positive")
         self.structure: StarStructure = StarStructure.from_mechanism(mechanism)
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options

@@ -55,6 +55,7 @@ class CalibrationOptions:
     threads: int | None = None  # how many share the work; by default one a core
 
     def __post_init__(self) -> None:
+        expect(self.fit, FitOptions, "how a calibration fits are FitOptions")
         expect(self.tolerances, Tolerances | None, "tolerances are Tolerances, such as Tolerances.load reads")
 
 

@@ -56,7 +56,9 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
 
     Raises:
         CampaignError: the file is wrong, or the robot cannot take a pose; names file, line and column.
+        BadInputError: there is no robot.
     """
+    expect(robot, Robot, LOADED)
     definition = robot.model.definition
     axes = robot.command_axes
     wanted = [axis.quantity for axis in axes]

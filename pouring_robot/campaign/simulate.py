@@ -1,7 +1,6 @@
 """Virtual measurement: the campaign of a robot as built, with noise, gross errors, frames and lost cells."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,12 +14,12 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.io.given import expect
+from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -55,14 +54,17 @@ class MeasurementOptions:
     def __post_init__(self) -> None:
         for name, value, most in (
             ("noise of a position in m", self.sigma_position_m, 1.0),
-            ("noise of a rotation in rad", self.sigma_rotation_rad or 0.0, 1.0),
+            ("noise of a rotation in rad", 0.0 if self.sigma_rotation_rad is None else self.sigma_rotation_rad, 1.0),
             ("size of a gross error in m", self.outlier_m, 100.0),
             ("share of lost cells", self.lost, 0.9),
         ):
-            if not (math.isfinite(value) and 0.0 <= value <= most):
-                raise BadInputError(f"the {name} must be between 0 and {most:g}, not {value:g}")
-        if self.seed < 0 or self.outliers < 0:
-            raise BadInputError("the seed and the number of gross errors must not be negative")
+            said = f"the {name} must be between 0 and {most:g}, not {value}"
+            if not 0.0 <= finite(value, (), said) <= most:
+                raise BadInputError(said)
+        whole(self.seed, 0, "the seed of a virtual measurement is a whole number from 0 on")
+        whole(self.outliers, 0, "the number of gross errors is a whole number from 0 on")
+        for pose in (self.pose_tracker_to_fixed_platform, self.pose_platform_to_target):
+            expect(pose, pin.SE3 | None, "where tracker and target sit is a pinocchio.SE3, or None")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,18 +111,23 @@ def simulate_campaign(
     on the conditions of the plan.
 
     Raises:
-        BadInputError: there is no robot or plan, the model has effects that depend on conditions and there are no
-            ``robots``, or another number of them, more gross errors than rows are asked for, or the robot has redundant
-            drives: what they read follows from where the body is, not the other way round.
+        BadInputError: there is no robot or plan, options or path are none, the model has effects that depend on
+            conditions and there are no ``robots``, or another number of them, more gross errors than rows are asked
+            for, or the robot has redundant drives: what they read follows from where the body is, not the other way
+            round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
+    expect(options, MeasurementOptions, "how it is measured are MeasurementOptions")
+    expect(path, Path | str, "the path of a campaign is the one its table would have")
     expect(robot, Robot, LOADED)
     expect(plan, PosePlan, "what is measured is a PosePlan, such as of random_plan or read_plan")
     rows = len(plan)
     if robots is None and robot.model.conditional:
         told = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"
         raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={told}")
+    for standing in robots or ():
+        expect(standing, Robot, LOADED)
     if robots is not None and len(robots) != rows:
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
     refuse_redundant(robot)

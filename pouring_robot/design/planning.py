@@ -63,6 +63,7 @@ class Planner:
         expect(robot, Robot, LOADED)
         refuse_redundant(robot)
         self.robot, self.request = robot, request or PlanRequest()
+        expect(self.request, PlanRequest, "what is asked of a plan is a PlanRequest")
         loads = self.request.loads_kg
         if not isinstance(robot, PouringRobot):
             if self.request.leg_degC:

@@ -18,9 +18,10 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import whole
+from pouring_robot.io.given import as_tuple, expect, whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import MM, MRAD, shown_in
+from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, all_parameters
@@ -69,7 +70,7 @@ def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerance
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is asked of a plan; figures out of range raise BadInputError."""
+    """What is asked of a plan; figures out of range, or none, raise BadInputError."""
 
     poses: int = 30  # number of poses n
     # sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres, reduced
@@ -97,22 +98,31 @@ class PlanRequest:
             ("seed", self.seed, 0, 2**63),
         ):
             whole(count, least, f"the {name} must be {least} to {most}", most)
+        expect(self.noise, NoiseLevel, "the noise of a plan is a NoiseLevel, such as NoiseLevel.stated(5e-5, 5e-5)")
+        expect(self.priors, Tolerances | None, "priors of a plan are Tolerances, such as Tolerances.load reads")
         for name, value, unit in (
             ("noise of a position", self.noise.position_m, "m"),
             ("noise of a rotation", self.noise.rotation_rad, "rad"),
         ):
             if not (math.isfinite(value) and 0.0 < value <= 1.0):
                 raise BadInputError(f"the {name} must be above 0 and at most 1 {unit}, not {value:g} {unit}")
-        if not all(math.isfinite(value) and abs(value) <= 10.0 for value in self.target_m):
-            raise BadInputError("the place of the target must be three figures of at most 10 m")
-        for name, values, least_value, most_value in (
-            ("load in kg", self.loads_kg, *LIMITS["mass"]),
-            ("leg temperature in °C", self.leg_degC, -100.0, _HOTTEST_DEGC),
+        said = "the place of the target must be three figures of at most 10 m"
+        target = tuple(finite(self.target_m, (3,), said).tolist())
+        if max(map(abs, target)) > 10.0:
+            raise BadInputError(said)
+        plain = {"target_m": target, "parameters": as_tuple(self.parameters)}
+        for key, name, least_value, most_value in (
+            ("loads_kg", "load in kg", *LIMITS["mass"]),
+            ("leg_degC", "leg temperature in °C", -100.0, _HOTTEST_DEGC),
         ):
-            if not all(math.isfinite(value) and least_value <= value <= most_value for value in values):
-                raise BadInputError(f"a {name} must be {least_value:g} to {most_value:g}, not {values}")
+            said = f"a {name} must be {least_value:g} to {most_value:g}, not {getattr(self, key)}"
+            plain[key] = values = tuple(finite(as_tuple(getattr(self, key)), (None,), said).tolist())
+            if not all(least_value <= value <= most_value for value in values):
+                raise BadInputError(said)
             if len(set(values)) < len(values) or len(values) == 1:
                 raise BadInputError(f"give two different figures of the {name}, or none")
+        for key, found in plain.items():
+            object.__setattr__(self, key, found)
 
     @property
     def reduced(self) -> bool:

@@ -19,7 +19,7 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import known_facts
 from pouring_robot.effects.families.by_name import FAMILIES
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.io.given import as_tuple
+from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.robot import AnyRobot, definition_of
 
@@ -88,6 +88,7 @@ def chosen_effects(robot: AnyRobot = None, exclude: str | Sequence[str] = ()) ->
     """Return all effects but some; raises BadInputError if an effect to leave out does not exist."""
     found, exclude = all_effects(robot), as_tuple(exclude)
     for name in exclude:
+        expect(name, str, "an effect is left out by its name")
         if name not in found:
             raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")
     return {name: effect for name, effect in found.items() if name not in exclude}

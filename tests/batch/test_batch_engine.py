@@ -414,8 +414,9 @@ def test_shapes_and_names_that_do_not_fit_are_refused(paper):
         engine.close(command.drives, BatchStart(np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((3, 4, 4))))
     with pytest.raises(BadInputError, match="poses must have the shape"):
         kinematics.commands(np.zeros(4))
-    with pytest.raises(BadInputError, match="threads must be positive"):
-        CompiledEngine(engine.structure.mechanism, threads=0)
+    for threads in (0, 1.5, "2"):
+        with pytest.raises(BadInputError, match=f"threads must be positive, not {threads!r}"):
+            CompiledEngine(engine.structure.mechanism, threads=threads)
     with pytest.raises(BadInputError, match="no column for 'payload'"):
         engine.transfer(closed, [PayloadParameter()])
     with pytest.raises(UnknownJointError, match="leg1_s9"):

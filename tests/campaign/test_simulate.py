@@ -111,7 +111,18 @@ def test_names_the_fault_of_a_plan(tmp_path, drawing, old, new, words):
 
 @pytest.mark.parametrize(
     "options",
-    [{"sigma_position_m": -1.0}, {"sigma_position_m": np.nan}, {"lost": 1.0}, {"seed": -1}, {"outliers": 99}],
+    [
+        {"sigma_position_m": -1.0},
+        {"sigma_position_m": np.nan},
+        {"sigma_position_m": None},
+        {"sigma_rotation_rad": "fine"},
+        {"lost": 1.0},
+        {"seed": -1},
+        {"seed": 1.5},
+        {"outliers": 99},
+        {"outliers": 2.5},
+        {"pose_tracker_to_fixed_platform": np.eye(4)},
+    ],
 )
 def test_refuses_figures_that_mean_nothing(drawing, options):
     with pytest.raises(BadInputError):
@@ -160,5 +171,13 @@ def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
         simulate_campaign(drawing, list(plan.poses))
     with pytest.raises(BadInputError, match="2 robots do not stand at 3 poses"):
         simulate_campaign(drawing, plan, robots=[drawing] * 2)
+    with pytest.raises(BadInputError, match=r"give a Robot, .* not a int"):
+        simulate_campaign(drawing, plan, robots=[1] * 3)
+    with pytest.raises(BadInputError, match="MeasurementOptions, not a dict"):
+        simulate_campaign(drawing, plan, {"seed": 1})
+    with pytest.raises(BadInputError, match="path of a campaign is the one its table would have, not a int"):
+        simulate_campaign(drawing, plan, path=3)
+    with pytest.raises(BadInputError, match=r"give a Robot, .* not a str"):
+        read_plan("plan.csv", "robot.yaml")
     with pytest.raises(BadInputError, match="seed of a plan is a whole number from 0 on, not -1"):
         random_plan(drawing, 3, seed=-1)

@@ -466,12 +466,28 @@ def test_no_option_is_advised_that_is_given_already(robot):
         ({"loads_kg": (5.0, 5.0)}, "two different"),
         ({"leg_degC": (20.0, 1e5)}, "leg temperature"),
         ({"target_m": (0.0, 0.0, 1e3)}, "target"),
+        ({"target_m": (0.0, 0.0)}, "three figures of at most 10 m"),
+        ({"target_m": "lip"}, "three figures of at most 10 m"),
+        ({"noise": 5e-5}, "a NoiseLevel, such as .* not a float"),
+        ({"priors": "tolerances.yaml"}, "priors of a plan are Tolerances, such as Tolerances.load reads, not a str"),
+        ({"loads_kg": 400.0}, "two different"),
+        ({"loads_kg": ("a", "b")}, "a load in kg must be 0 to 10000, not"),
         ({"seed": -1}, "seed"),
     ],
 )
 def test_figures_without_meaning_are_refused(figures, said):
     with pytest.raises(BadInputError, match=said):
         PlanRequest(**figures)
+
+
+def test_figures_may_be_arrays_and_one_name_is_one_name():
+    figures = {"loads_kg": np.array([0, 400]), "target_m": np.zeros(3), "parameters": "centres"}
+    assert PlanRequest(**figures) == PlanRequest(loads_kg=(0.0, 400.0), parameters=("centres",))
+
+
+def test_a_plan_is_of_a_request(robot):
+    with pytest.raises(BadInputError, match="what is asked of a plan is a PlanRequest, not a dict"):
+        Planner(robot, {"poses": 20})
 
 
 def test_overload_is_refused(robot):

@@ -21,6 +21,7 @@ from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
         (DiagnosisOptions, {"made_within": float("inf")}),
         (DiagnosisOptions, {"made_within": "fine"}),
         (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
+        (CalibrationOptions, {"fit": {"loss": "linear"}}),
     ],
 )
 def test_what_means_nothing_is_refused(kind, given):

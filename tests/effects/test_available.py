@@ -174,6 +174,9 @@ def test_leaving_out_what_a_package_offers(monkeypatch):
 def test_unknown_effect_to_leave_out():
     with pytest.raises(BadInputError, match=r"no effect 'drive_scales'; did you mean 'drive_scale'\?"):
         chosen_effects(exclude=("drive_scales",))
+    for given in (None, 3, [3]):
+        with pytest.raises(BadInputError, match="an effect is left out by its name, not a "):
+            chosen_effects(exclude=given)
 
 
 def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):
