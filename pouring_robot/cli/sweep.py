@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.options import argument, opt
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.exceptions import BadInputError, NoSolutionError, StoppedError
+from pouring_robot.exceptions import NoSolutionError, StoppedError
 
 if TYPE_CHECKING:
     from pouring_robot.report.page import Table
@@ -32,8 +32,6 @@ def sweep(
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
     from pouring_robot.sweeps import SweepConfig, SweepPlan, report, run_sweep
 
-    if workers and scheduler:
-        raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     study = SweepConfig.load(config)
     plan = SweepPlan(study if robot is None else study.with_robot(robot))
     if name := plan.config.model:

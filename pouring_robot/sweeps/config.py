@@ -206,11 +206,11 @@ class SweepConfig(StrictModel):
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
         return config
 
-    def with_robot(self, robot: Path) -> Self:
+    def with_robot(self, robot: Path | str) -> Self:
         """Return the same for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
             raise self.problem("names a layout or a model; leave that out beside --robot")
-        return self.model_copy(update={"robot": str(robot.absolute())})
+        return self.model_copy(update={"robot": str(Path(robot).absolute())})
 
     @property
     def source(self) -> Path | None:

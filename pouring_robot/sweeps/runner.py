@@ -46,17 +46,18 @@ def sweep(
         resume: go on with a sweep that was begun there.
         overwrite: begin anew in place of a sweep that is there.
         workers: processes on this machine, none below 0, no more than chunks; 0: this one alone, with all its threads.
+            They run the script that asks for them, too, so what it does stands under ``if __name__ == "__main__":``.
         scheduler: address of a Dask cluster to compute on instead; results are written here.
         progress: told of every chunk.
 
     Raises:
         DescriptionError: the file is wrong.
         BadInputError: it is none of these, a name in it does not fit the robot, the results are larger than the disk
-            or what is kept of them than the memory, ``workers`` is no number of them, or ``resume``
-            and ``overwrite`` are both asked for.
+            or what is kept of them than the memory, ``workers`` is no number of them, or both ``resume`` and
+            ``overwrite``, or ``workers`` and ``scheduler``, are asked for.
         UnreachablePoseError: a pose is out of reach.
         SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
-        SweepWorkerError: the cluster cannot be reached, or its workers fail.
+        SweepWorkerError: the cluster cannot be reached, or its workers do not start or fail.
         NoSolutionError: no tolerances keep the requirement.
     """
     if isinstance(config, Path | str):
@@ -88,6 +89,8 @@ def run_sweep(
     if overwrite and resume:
         raise BadInputError("resume or overwrite, not both: one goes on, the other begins anew")
     workers = whole(workers, 0, "workers is a number of processes, 0 for this one alone")
+    if workers and scheduler:
+        raise BadInputError("workers or a scheduler, not both: the cluster has workers of its own")
     require_room(folder, plan)
     if overwrite:
         remove_sweep(folder)
@@ -174,8 +177,8 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
 
     with contextlib.ExitStack() as stack:
         if scheduler is None:
-            cluster: Any = stack.enter_context(
-                distributed.LocalCluster(
+            try:
+                cluster: Any = distributed.LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
@@ -184,7 +187,12 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                     silence_logs=logging.CRITICAL,  # what workers fail at is said by `_result`
                     preload=_DEAF,
                 )
-            )
+            except RuntimeError as problem:
+                raise SweepWorkerError(
+                    "no worker starts on this machine; in a script, which workers run, too, call the sweep under "
+                    "if __name__ == '__main__':"
+                ) from problem
+            stack.enter_context(cluster)
         else:
             cluster = scheduler
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it says is said here

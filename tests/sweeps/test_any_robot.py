@@ -104,3 +104,5 @@ def test_a_sweep_file_that_names_a_layout_is_of_no_other_robot(tmp_path):
     study = SweepConfig.load(ROBOTS.parent / "sweep.yaml")
     with pytest.raises(BadInputError, match="names a layout or a model"):
         study.with_robot(tmp_path / "robot.yaml")
+    free = study.model_copy(update={"layout": None})
+    assert free.with_robot(str(tmp_path / "robot.yaml")).robot == str(tmp_path / "robot.yaml")

@@ -195,6 +195,21 @@ def test_workers_are_a_number_of_processes(plan, tmp_path, workers):
     assert not (tmp_path / "out").exists()
 
 
+def test_workers_and_a_scheduler_are_not_both_asked_for(plan, tmp_path):
+    with pytest.raises(BadInputError, match="workers or a scheduler, not both"):
+        run_sweep(plan, tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()
+
+
+def test_workers_that_do_not_start_are_told_with_what_scripts_need(plan, tmp_path, monkeypatch):
+    def refuse(**settings):
+        raise RuntimeError("Nanny failed to start.")  # as where each would begin the sweep anew
+
+    monkeypatch.setattr("distributed.LocalCluster", refuse)
+    with pytest.raises(SweepWorkerError, match=r"no worker starts .* under if __name__ == '__main__':"):
+        run_sweep(plan, tmp_path / "out", workers=1)
+
+
 def test_no_more_processes_are_started_than_there_are_chunks(plan, tmp_path, monkeypatch):
     started = []
 
