@@ -46,10 +46,6 @@ class PouringRobot(Robot):
             raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
         self.kinematics = self.drawing
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what pickle sends: the layout, of pydantic's generics, which it does not take, is read again."""
-        return {name: value for name, value in vars(self).items() if name != "layout"}
-
     @functools.cached_property
     def layout(self) -> Layout:
         """Workspace and ladle of the layout, in SI units."""

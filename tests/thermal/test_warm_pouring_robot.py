@@ -1,5 +1,7 @@
 """Temperatures and pose that belong together: turns end, shares, what comes from the model."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,18 @@ def test_shares(heated, as_built):
         whole = shares.geometry.translation_m + shares.heat.translation_m + shares.remainder.translation_m
         assert whole == pytest.approx(shares.together.translation_m, abs=1e-15)
         assert 1e-7 < np.linalg.norm(shares.remainder.translation_m) < 0.05 * shares.together.distance_m
+    assert list(heated.shares(found, "ladle_lip")) == ["ladle_lip"]
+
+
+def test_warm_robots_and_what_is_found_with_them_go_to_other_processes(heated):
+    found = compensate(heated, POSE)
+    robot, again = pickle.loads(pickle.dumps((heated, found)))
+    assert again.drives == found.drives and again.state.field.leg_degC.tolist() == found.state.field.leg_degC.tolist()
+    assert compensate(robot, POSE).drives == pytest.approx(found.drives, abs=1e-12)
+    assert robot.network.properties == heated.network.properties
+    assert robot.robot.layout.entry == heated.robot.layout.entry
+    assert repr(heated).startswith("<HeatedRobot: layout paper, melt_degC=None ") and "\n" not in repr(heated)
+    assert repr(HeatedRobot(heated.robot)) == "<HeatedRobot: layout paper, cold>"
 
 
 def test_without_heat_it_is_the_robot_as_built(as_built):

@@ -43,6 +43,13 @@ class Entry(StrictModel, Generic[Value, Unit]):
         return cast("Value", _divided(self.value, _PER_SI[str(self.unit)][0]))
 
 
+class Entries(StrictModel):
+    """A whole of entries. It is pickled as what it says: pickle finds no name for the classes of single entries."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).model_validate, (self.model_dump(exclude_unset=True),)
+
+
 def _divided(value: Any, by: float) -> Any:
     return tuple(_divided(part, by) for part in value) if isinstance(value, tuple) else value / by
 
@@ -220,7 +227,7 @@ class JointLimits(StrictModel):
     s5: AngleRange
 
 
-class Common(StrictModel):
+class Common(Entries):
     """Sections that layouts share."""
 
     workspace: Workspace

@@ -13,7 +13,7 @@ from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Share
+from pouring_robot.robot.pouring.layout_schema import Density, Entries, Entry, InMetres, Share
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -102,7 +102,7 @@ class ExpansionProperties(StrictModel):
     reference_temperature: Temperature
 
 
-class ThermalProperties(StrictModel):
+class ThermalProperties(Entries):
     """All properties of the thermal model, each with unit, source and note."""
 
     melt: MeltProperties  # the source

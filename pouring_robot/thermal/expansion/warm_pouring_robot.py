@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import expect, whole
+from pouring_robot.io.given import as_tuple, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
@@ -166,6 +166,9 @@ class HeatedRobot:
         self.robot, self.heat = robot, heat
         self._given_network = network
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {' '.join(*self.robot.model.named.items())}, {self.heat or 'cold'}>"
+
     def built_as(self, robot: PouringRobot) -> Self:
         """Return another robot of the same drawing in the same heat; the network is shared."""
         return self if robot is self.robot else type(self)(robot, self.heat, self.network)
@@ -238,8 +241,8 @@ class HeatedRobot:
         drives = self.robot.kinematics.inverse(pose)
         return self.settle(pose, lambda warm: [warm.forward(drives, near=pose)])
 
-    def shares(self, state: WarmState, frames: Sequence[str]) -> dict[str, PoseShares]:
-        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole."""
+    def shares(self, state: WarmState, frames: str | Sequence[str]) -> dict[str, PoseShares]:
+        """Return what geometry and heat do, alone and together, to frames; heat alone as warm as the whole."""
         pose, base = state.robot.pose, state.location.loops.base_frame
         cold = self.robot.locate(pose)
         warm = WarmRobot(drawing_of(self.robot), state.robot.expansion, pose).solve()
@@ -249,7 +252,7 @@ class HeatedRobot:
                 PoseDifference.between(cold.nominal.pose(base, frame), warm.pose(base, frame)),
                 state.location.difference(frame),
             )
-            for frame in frames
+            for frame in as_tuple(frames)
         }
 
 

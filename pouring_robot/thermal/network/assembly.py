@@ -72,9 +72,15 @@ class ThermalNetwork:
 
     def twin(self) -> Self:
         """Return the same network with a cache of its own, for another thread."""
-        other = copy.copy(self)
-        other._built = functools.lru_cache(_KEPT_POSES)(other._build)
-        return other
+        return copy.copy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy, or another process, has in common: all but the cache."""
+        return {name: value for name, value in vars(self).items() if name != "_built"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._built = functools.lru_cache(_KEPT_POSES)(self._build)
 
     def steady(
         self,
