@@ -7,6 +7,7 @@ from .campaign.data import Campaign as Campaign
 from .campaign.plan import random_plan as random_plan
 from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
+from .checks.check import check_campaign as check_campaign
 from .compensation.pose import compensate as compensate
 from .design.planning import plan_campaign as plan_campaign
 from .design.request import PlanRequest as PlanRequest

@@ -145,8 +145,8 @@ class Campaign(Result):
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
         Empty cells become NaN. What is wrong with the *values* is the business of
-        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused. ``robot``
-        may be the path of its file; without one it is the pouring robot's.
+        :func:`pouring_robot.check_campaign`; here only what cannot be understood is refused. ``robot`` may be the path
+        of its file; without one it is the pouring robot's.
 
         Raises:
             CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands

@@ -18,6 +18,7 @@ from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.io.given import expect
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.io.units import MM, MRAD, UNITS
 from pouring_robot.mechanism.arrays import rms
@@ -57,12 +58,14 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     return Examination(flags, frames.data, frames.fit, disagreement)
 
 
-def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
+def check_campaign(campaign: Campaign, drawing: Drawing | None = None) -> list[DataFlag]:
     """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
 
-    The nominal robot is compared with them: errors of the robot as built do not matter here.
+    The nominal robot is compared with them, by default the campaign's: errors of the robot as built do not matter here.
+    Raises BadInputError where there is no campaign.
     """
-    return examine(campaign, drawing).flags
+    expect(campaign, Campaign, "what is checked is a Campaign, such as Campaign.read returns")
+    return examine(campaign, drawing or campaign.robot.drawing()).flags
 
 
 def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.columns import _roughness, _time, check_columns
 from pouring_robot.checks.flags import FlagCode, Severity, found, usable_without, wrong_rows
 from pouring_robot.checks.stated_noise import _bends
-from pouring_robot.exceptions import CampaignError
+from pouring_robot.exceptions import BadInputError, CampaignError
 from scripts.studies.wrong_data import sound
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure
 from tests.estimation.test_session_frames import moved
@@ -556,3 +556,11 @@ def test_rows_measured_pose_by_pose_are_no_moved_tracker(crooked, drawing, share
     campaign = simulate_campaign(crooked, plan, MeasurementOptions(SIGMA_M, SIGMA_RAD, seed=2)).campaign
     sorted_by_tilt = campaign.subset([*back[:22], *forth[:23]]).with_conditions(time=60.0 * np.arange(45))
     assert FlagCode.MEASUREMENT_JUMP not in codes(check_campaign(sorted_by_tilt, drawing.kinematics))
+
+
+def test_a_campaign_is_checked_by_its_own_robot(clean):
+    wrong = damaged(clean.campaign, position_m=lambda p: p * 1e3)
+    assert check_campaign(wrong) == check_campaign(wrong, wrong.robot.drawing())
+    assert "position_unit" in codes(check_campaign(wrong))
+    with pytest.raises(BadInputError, match=r"what is checked is a Campaign, such as Campaign.read returns, not a str"):
+        check_campaign("campaign.csv")
