@@ -30,6 +30,7 @@ from .mechanism.loops_file import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
 from .robot.export.paths import package_path as package_path
 from .robot.export.paths import urdf_path as urdf_path
+from .robot.inverse import Target as Target
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel

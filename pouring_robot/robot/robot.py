@@ -266,6 +266,7 @@ class Robot:
 
     def drives_to(self, target: Target) -> Reached:
         """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
+        expect(target, Target, "a target is a Target: a place, in m, and a rotation matrix if its attitude counts")
         starts = starts_near(target, self.drawing, self.model.definition.home_drives, lambda: self._workspace)
         return search(self.nominal_solver, self.close_nominal, target, starts, self._refuse_beyond)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import pouring_robot
 from pouring_robot.exceptions import BadInputError, ClosureError, NoSolutionError, UnreachableTargetError
 from pouring_robot.robot.inverse import REACHED, Reached, Target
 from pouring_robot.robot.robot import Robot
@@ -12,6 +13,13 @@ from tests.support import ROOT
 
 PLACED_ONLY = ("delta", "five_bar")
 HANGPRINTER = Robot.load(ROOT / "examples" / "machines" / "hangprinter" / "robot.yaml")
+
+
+def test_a_target_is_the_librarys_and_nothing_else_is_one():
+    assert pouring_robot.Target is Target
+    for given in (None, [0.0, 0.0, -0.6]):
+        with pytest.raises(BadInputError, match="a target is a Target: a place, in m, and a rotation matrix if"):
+            HANGPRINTER.location_to(given)
 
 
 @pytest.mark.parametrize("name", NAMES)
