@@ -351,13 +351,12 @@ class TooLargeError(BadInputError):
 
 
 class TemperatureError(BadInputError):
-    """A temperature, such as that of the ``melt``, lies below absolute zero or is not finite."""
+    """A temperature, such as that of the ``melt``, is impossible for the reason ``fault``, or not finite."""
 
-    def __init__(self, what: str, value_degC: float) -> None:
+    def __init__(self, what: str, value_degC: float, fault: str = "") -> None:
         self.what, self.value_degC = what, value_degC
-        super().__init__(
-            f"{what}: {value_degC:g} degC is no temperature (absolute zero is -273.15 degC); check value and unit"
-        )
+        self.fault = fault or f"{value_degC:g} degC is no temperature; check the value"
+        super().__init__(f"{what}: {self.fault}")
 
 
 class HistoryError(BadInputError):

@@ -20,10 +20,11 @@ def reference_degC(stated: float | None) -> float:
     return REFERENCE_DEGC if stated is None else stated
 
 
-def kelvin(value_degC: float, what: str = "temperature") -> float:
-    """Return in K what is in °C; raises TemperatureError of ``what`` where it is not finite or below absolute zero."""
-    if not math.isfinite(value_degC) or value_degC < ABSOLUTE_ZERO_DEGC:
-        raise TemperatureError(what, value_degC)
+def kelvin(value_degC: float, what: str = "temperature", *, surroundings: bool = False) -> float:
+    """Return in K what is in °C; raises TemperatureError of ``what`` where that is no temperature (of surroundings)."""
+    fault = temperature_fault(value_degC, surroundings=surroundings)
+    if fault or not math.isfinite(value_degC):
+        raise TemperatureError(what, value_degC, fault)
     return value_degC + ZERO_CELSIUS_K
 
 

@@ -229,6 +229,10 @@ def test_impossible_input_is_refused(network, drawing):
         network.steady(POSE, -300.0)
     with pytest.raises(TemperatureError, match="ambient"):
         network.steady(POSE, 1700.0, float("nan"))
+    with pytest.raises(TemperatureError, match=r"ambient: 293.15 degC is hotter than any surroundings"):
+        network.steady(POSE, 1700.0, 293.15)
+    with pytest.raises(TemperatureError, match="melt: 3000 degC is hotter than any melt"):
+        network.steady(POSE, 3000.0)
     for elements in (3, 20.5, float("nan")):
         with pytest.raises(BadInputError, match="a leg needs a whole number of elements, at least 4"):
             ThermalNetwork(drawing, elements_per_leg=elements)

@@ -33,9 +33,9 @@ def test_a_lump_cools_exponentially(method):
 
 def test_a_lump_follows_a_ramp():
     circuit = Circuit(np.zeros((1, 1)), np.zeros(1), np.array([2.0]), np.zeros(1), np.zeros(1), np.array([1000.0]))
-    history = HeatHistory(np.array([0.0, 5000.0]), np.array([20.0, 20.0]), np.array([20.0, 520.0]))
+    history = HeatHistory(np.array([0.0, 5000.0]), np.array([20.0, 20.0]), np.array([20.0, 120.0]))
     reported, last = integrate(circuit, history, (0.0, 5000.0), np.array([293.15]), np.array([5000.0]))
-    expected = 293.15 + 0.1 * (5000.0 - 500.0 * (1.0 - np.exp(-10.0)))
+    expected = 293.15 + 0.02 * (5000.0 - 500.0 * (1.0 - np.exp(-10.0)))
     assert last[0] == pytest.approx(expected, abs=5e-3)
     assert len(reported) == 1
 
@@ -144,6 +144,8 @@ def test_bad_histories(times, melt, says):
 def test_impossible_temperatures_in_a_history():
     with pytest.raises(TemperatureError, match="entry 2: melt"):
         HeatHistory(np.array([0.0, 1.0]), np.array([1700.0, -400.0]), np.full(2, 20.0))
+    with pytest.raises(TemperatureError, match=r"entry 1: ambient: 293.15 degC is hotter than any surroundings"):
+        HeatHistory.constant(1700.0, 293.15, 60.0)
 
 
 def test_bad_schedules(network):

@@ -39,8 +39,8 @@ class ThermalNetwork:
     mechanism, bars from its URDF, sizes from its layout; the properties are by default those of the shipped
     ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, each
     bar of the platforms by default into a fifth of that. Without radiation there are conduction and convection only.
-    Holds a cache of poses: one object a thread. Temperatures below absolute zero or not finite raise TemperatureError,
-    a part that is connected to nothing ThermalSolutionError.
+    Holds a cache of poses: one object a thread. Temperatures that are none of a melt, or of surroundings, raise
+    TemperatureError, a part that is connected to nothing ThermalSolutionError.
 
     Raises:
         BadInputError: no whole number of elements, four or more of a leg, or the ladle's shell leaves no lining.
@@ -104,7 +104,7 @@ class ThermalNetwork:
         melt, ambient = self.properties.melt.temperature.value, self.properties.ambient.temperature.value
         return (
             kelvin(melt if melt_degC is None else melt_degC, "melt"),
-            kelvin(ambient if ambient_degC is None else ambient_degC, "ambient"),
+            kelvin(ambient if ambient_degC is None else ambient_degC, "ambient", surroundings=True),
         )
 
     def circuit(self, pose: Placed) -> Circuit:

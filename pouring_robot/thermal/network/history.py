@@ -47,7 +47,7 @@ class HeatHistory:
             if values.shape != times.shape:
                 raise HistoryError(f"{what}_degC has {values.size} entries, times_s has {times.size}")
             for row, value in enumerate(values, start=1):
-                kelvin(float(value), f"history, entry {row}: {what}")
+                kelvin(float(value), f"history, entry {row}: {what}", surroundings=what == "ambient")
             object.__setattr__(self, f"{what}_degC", values)
 
     @classmethod
