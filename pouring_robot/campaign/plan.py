@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError, counted
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.seeds import Stream, generator
@@ -36,6 +36,9 @@ class PosePlan:
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {counted(len(self), 'pose')}, {', '.join(self.conditions) or 'no conditions'}>"
 
     @property
     def rows(self) -> FloatArray:

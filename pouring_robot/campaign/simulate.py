@@ -74,8 +74,8 @@ class VirtualMeasurement:
     campaign: Campaign
     # of the moving platform in the fixed platform of the robot as built, row by row
     actual_poses: tuple[pin.SE3, ...] = field(repr=False)
-    pose_tracker_to_fixed_platform: pin.SE3
-    pose_platform_to_target: pin.SE3
+    pose_tracker_to_fixed_platform: pin.SE3 = field(repr=False)
+    pose_platform_to_target: pin.SE3 = field(repr=False)
     outlier_rows: tuple[int, ...]  # rows with a gross error, from 0
     lost_cells: tuple[tuple[int, str], ...]  # row and quantity of each cell that was emptied
     seed: int

@@ -181,3 +181,10 @@ def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
         read_plan("plan.csv", "robot.yaml")
     with pytest.raises(BadInputError, match="seed of a plan is a whole number from 0 on, not -1"):
         random_plan(drawing, 3, seed=-1)
+
+
+def test_plans_and_measurements_are_told_on_one_line(drawing):
+    plan = random_plan(drawing, 3, seed=1)
+    assert repr(plan).startswith("<PosePlan: 3 poses, approach_q1, ")
+    for one in (plan, simulate_campaign(drawing, plan)):
+        assert "\n" not in repr(one) and len(repr(one)) < 300

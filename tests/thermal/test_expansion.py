@@ -197,3 +197,10 @@ def test_legs_bend_outwards_over_the_melt(network):
     middle = field.gradient_K_per_m[:, 4]
     assert np.all(middle[[0, 2], 1] < 0.0)
     assert np.all(middle[[1, 3], 1] > 0.0)
+
+
+@pytest.mark.parametrize("given", [{"leg_strain": (1e-3,) * 3}, {"leg_strain": 1e-3}, {"platform_strain": np.nan}])
+def test_what_is_no_strain_of_each_part_is_refused(given):
+    with pytest.raises(BadInputError, match="finite growths per length: four of the legs, one of each platform"):
+        ThermalExpansion(**given)
+    assert ThermalExpansion(np.full(4, 1e-3)) == ThermalExpansion((1e-3,) * 4)

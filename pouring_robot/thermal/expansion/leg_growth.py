@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
@@ -38,11 +38,19 @@ def growth_of_drives(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
 
 @dataclass(frozen=True)
 class ThermalExpansion:
-    """How much every part has grown, as strain (growth per length): legs 1 to 4 from joint to joint, both platforms."""
+    """How much every part has grown, as strain (growth per length): legs 1 to 4 from joint to joint, both platforms.
+
+    Another number of legs, and what is not finite, raises BadInputError.
+    """
 
     leg_strain: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     platform_strain: float = 0.0
     fixed_platform_strain: float = 0.0
+
+    def __post_init__(self) -> None:
+        said = "strains are finite growths per length: four of the legs, one of each platform"
+        object.__setattr__(self, "leg_strain", tuple(finite(self.leg_strain, (len(CHAINS),), said).tolist()))
+        finite((self.platform_strain, self.fixed_platform_strain), (2,), said)
 
     @classmethod
     def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:

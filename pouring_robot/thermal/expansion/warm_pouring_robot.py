@@ -64,6 +64,7 @@ class WarmRobot(PouringRobot):
     """
 
     def __init__(self, robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose) -> None:
+        expect(expansion, ThermalExpansion, "how much parts have grown is a ThermalExpansion")
         # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
@@ -116,6 +117,9 @@ class WarmState:
     result: ClosureResult  # its closure
     turns: int  # how often temperatures were taken anew
     unsettled_m: float  # by how much the last taking of temperatures moved the moving platform's origin, drives held
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.location.headline}>"
 
     @functools.cached_property
     def location(self) -> LadleLocation:
