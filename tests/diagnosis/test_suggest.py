@@ -23,6 +23,7 @@ from pouring_robot.diagnosis.suggest.next_measurements import (
     untestable_words,
 )
 from pouring_robot.effects.available import chosen_effects
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
@@ -186,6 +187,16 @@ def test_suggestions_can_be_commanded_and_written(confounded):
         assert 0.0 <= row["conditions"]["payload_kg"] <= 500.0
         assert row["expected_nats"] > 0.0
     assert len({m.rank for m in found.measurements}) == 4
+
+
+def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded):
+    """The pairs were there, each with "no pose tells them apart", though four measurements do."""
+    assert suggest_measurements(confounded, count=4).separations
+    none = suggest_measurements(confounded, count=0)
+    assert (none.measurements, none.separations, none.failed) == ((), (), "")
+    for count in (-1, 1.5, "3"):
+        with pytest.raises(BadInputError, match="how many measurements to suggest is a whole number from 0 on, not"):
+            suggest_measurements(confounded, count)
 
 
 def test_same_seed_same_suggestion(confounded):

@@ -18,6 +18,7 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.io.given import whole
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
@@ -177,16 +178,20 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
 
     Args:
         diagnosis: of the campaign.
-        count: how many, 1 to 75.
+        count: how many; 0: none, and of no pair is it said what tells it.
         seed: of the candidates, and of the random choices they are compared with.
 
     Raises:
         DiagnosisError: the drawing does not close at a candidate.
-        BadInputError: hardly any pose of the workspace is within reach, or something else than poses was measured.
+        BadInputError: hardly any pose of the workspace is within reach, or something else than poses was measured; the
+            count is none.
     """
+    count = whole(count, 0, "how many measurements to suggest is a whole number from 0 on")
+    advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
+    if not count:
+        return Suggestion((), (), 0.0, advice=advice, seed=seed)
     if diagnosis.rows.measured.others:
         raise BadInputError("poses are chosen for devices that see places or poses, not for distances and closures")
-    advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
     possible = candidates(diagnosis.rows.campaign, diagnosis.model, _CANDIDATES, seed)
     prospect = Prospect(diagnosis, possible)
     contenders, pairs = contest(diagnosis, prospect)
