@@ -124,7 +124,7 @@ class Diagnosis(Conclusions, Result):
             found = table_of(state.every_row, state.every_row.residual, len(self.rows))
             whole = np.full((len(self.campaign), found.shape[1]), np.nan)
             whole[self.inliers] = found
-            tables[f"residual_{name}"] = ("row", "component"), whole
+            tables[f"residual_{name}"] = ("row", "component"), whole, {"units": "m or rad, see 'unit'"}
         components = np.arange(whole.shape[1])
         coordinates = {
             "component": [component_name(k) for k in components.tolist()],

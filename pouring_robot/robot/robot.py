@@ -157,7 +157,7 @@ class Robot:
         coordinates = {
             "drive": list(names),
             "unit": ("drive", units),
-            "commanded_drives": (("pose", "drive"), commanded),
+            "commanded_drives": (("pose", "drive"), commanded, {"units": "m or rad, see 'unit'"}),
         }
         return self._dataset(start, closed, self._in_reach(start, closed) | (answered & ~closed.closed), coordinates)
 

@@ -383,6 +383,7 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
 
 def test_what_each_row_leaves_over_makes_the_gap(hot):
     found, (effect,) = hot.to_dataset(), hot.effects
+    assert {str(found[name].attrs["units"]) for name in found} == {"m or rad, see 'unit'"}
     assert found.sizes == {"row": len(hot.campaign), "component": 6} and list(found.unit.values[2:4]) == ["m", "rad"]
     for which in ("before", "after"):
         table = found[f"residual_{which}"].where(found.used == "held out").sel(component=["x", "y", "z"])

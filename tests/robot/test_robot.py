@@ -110,4 +110,5 @@ def test_commands_are_the_robots_own_copy():
     found = robot.locate_drives(drives)
     drives[:] = 7.0
     assert (found.commanded_drives.values != 7.0).all()
+    assert found.commanded_drives.attrs == {"units": "m or rad, see 'unit'"}
     assert robot.locate_drives([]).sizes["pose"] == 0
