@@ -17,6 +17,8 @@ from .diagnosis.diagnose import diagnose as diagnose
 from .effects.under import RobotUnderConditions as RobotUnderConditions
 from .effects.under import compensate_under as compensate_under
 from .effects.under import robots_under as robots_under
+from .estimation.map_fit import FitOptions as FitOptions
+from .estimation.noise import NoiseLevel as NoiseLevel
 from .exceptions import BadInputError as BadInputError
 from .exceptions import NoSolutionError as NoSolutionError
 from .exceptions import PouringRobotError as PouringRobotError
@@ -30,6 +32,7 @@ from .mechanism.loops_file import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
 from .robot.export.paths import package_path as package_path
 from .robot.export.paths import urdf_path as urdf_path
+from .robot.heat_section import HeatSection as HeatSection
 from .robot.inverse import Target as Target
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
@@ -38,6 +41,7 @@ from .robot.pouring.platform_pose import PlatformPose as PlatformPose
 from .robot.pouring_robot import PouringRobot as PouringRobot
 from .robot.pouring_robot import load_robot as load_robot
 from .robot.robot import Robot as Robot
+from .robot.tolerances import Tolerances as Tolerances
 from .sweeps.config import SweepConfig as SweepConfig
 from .sweeps.runner import sweep as sweep
 from .thermal.expansion.warm_pouring_robot import HeatedRobot as HeatedRobot

@@ -98,3 +98,11 @@ def test_files_for_other_programs():
 
 def test_every_name_of_the_root_is_there():
     assert all(getattr(pouring_robot, name) is not None for name in pouring_robot.__all__)
+
+
+def test_what_options_are_made_of_is_there_too():
+    """Whoever read that noise is a NoiseLevel had to look for it."""
+    p = pouring_robot
+    assert p.CalibrationOptions(fit=p.FitOptions(loss="linear"), tolerances=p.Tolerances.load()).fit.loss == "linear"
+    assert p.PlanRequest(noise=p.NoiseLevel.stated(1e-5, 2e-5)).noise.position_m == 1e-5
+    assert "melt_degC=1650.0" in repr(p.HeatedRobot(p.PouringRobot(), p.HeatSection(melt_degC=1650)))
