@@ -26,7 +26,8 @@ from pouring_robot.estimation.noise import NoiseLevel, chance_of, scatter
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.io.given import whole
+from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.robot.model import RobotModel
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
@@ -60,12 +61,18 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How to search."""
+    """How to search; figures out of range raise BadInputError."""
 
     loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
     max_evaluations: int = 200  # how many times all rows may be predicted
     step_tolerance: float = 0.03  # the search ends when a step is shorter, in standard deviations of the answer
     curvature: bool = False  # whether the covariance has second derivatives in it; about a prediction a parameter more
+
+    def __post_init__(self) -> None:
+        whole(self.max_evaluations, 1, "evaluations of a fit are a number of them, from 1 on")
+        said = f"the step that ends a fit is longer than 0, in standard deviations, not {self.step_tolerance}"
+        if finite(self.step_tolerance, (), said) <= 0.0:
+            raise BadInputError(said)
 
 
 @dataclass(frozen=True, eq=False)

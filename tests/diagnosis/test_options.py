@@ -4,7 +4,7 @@ import inspect
 
 import pytest
 
-from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, calibrate, diagnose
+from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, FitOptions, calibrate, diagnose
 from pouring_robot.cli.diagnose import diagnose as command
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
@@ -22,6 +22,10 @@ from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
         (DiagnosisOptions, {"made_within": "fine"}),
         (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
         (CalibrationOptions, {"fit": {"loss": "linear"}}),
+        (FitOptions, {"max_evaluations": 0}),
+        (FitOptions, {"max_evaluations": "many"}),
+        (FitOptions, {"step_tolerance": float("nan")}),
+        (FitOptions, {"step_tolerance": -1.0}),
     ],
 )
 def test_what_means_nothing_is_refused(kind, given):

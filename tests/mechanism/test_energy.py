@@ -13,7 +13,7 @@ from pouring_robot.mechanism.closure.energy import (
     log_wrench_derivative,
     motion_cross,
 )
-from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
@@ -218,6 +218,13 @@ def test_what_is_no_loads_or_options_is_refused(drawing):
         ClosureSolver(drawing.nominal_solver.mechanism, True)
     with pytest.raises(BadInputError, match="options of a closure are ClosureOptions, not a dict"):
         ClosureSolver(drawing.nominal_solver.mechanism, options={"max_gap_m": 0.1})
+
+
+@pytest.mark.parametrize("given", [{"max_gap_m": np.nan}, {"max_iterations": "many"}, {"refinements": ()}])
+def test_options_of_a_closure_are_numbers(given):
+    """A largest gap that is NaN was none: whatever stayed open counted as closed."""
+    with pytest.raises(BadInputError, match="of a closure is a number from 0 on, not"):
+        ClosureOptions(**given)
 
 
 def test_loads_on_absent_parts_are_refused(drawing):

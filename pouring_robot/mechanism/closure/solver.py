@@ -16,8 +16,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.io.given import expect
-from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly
+from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly, numbers
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
@@ -35,7 +35,7 @@ _IDLE_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class ClosureOptions:
-    """When a closure counts as found."""
+    """When a closure counts as found; what is no number from 0 on raises BadInputError."""
 
     step_tolerance: float = 1e-7  # largest component of the last Newton step, in m or rad
     left_over: float = 3e-14  # what it may leave, in m or rad: its length times the share by which steps shrink
@@ -54,6 +54,13 @@ class ClosureOptions:
     most_steps: int = 10
     smooth_below: int = 10  # where a step of growth takes more Newton steps, or jumps, all are made finer
     refinements: tuple[int, ...] = (1, 8, 64)  # times finer, in turn; a mode from which the finest jump ends there
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            said = f"{name} of a closure is a number from 0 on, not {value}"
+            given = numbers(as_tuple(value), (None,), said)
+            if not given.size or not (given >= 0.0).all():
+                raise BadInputError(said)
 
     def growth_passes(self, steps: int) -> list[tuple[int, int]]:
         """Return in how many steps errors grow, finer in turn, and how many Newton steps each may take to be smooth."""
