@@ -14,7 +14,7 @@ from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K
+from pouring_robot.io.temperatures import HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.io.units import OF_UNIT, to_inner
 from pouring_robot.mechanism.arrays import FloatArray

@@ -7,4 +7,4 @@ from .base import LocalChanges as LocalChanges
 from .conditions import Conditions as Conditions
 from .conditions import conditions_of as conditions_of
 from .families.by_name import FAMILIES as FAMILIES
-from .nominal import NominalRows as NominalRows
+from .nominal_rows import NominalRows as NominalRows
