@@ -24,6 +24,8 @@ _WAVES = (("sine", np.sin), ("cosine", np.cos))
 _PRESSED = "pressed_from_"
 _PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
 """Forces that press a nut against friction, over the usual one: a third to three, by R40 of the preferred numbers."""
+_NO_FORCE = 1e-9
+"""N, Nm: what round-off makes of the force on a drive that carries nothing, as one about the vertical."""
 
 
 @dataclass(eq=False)
@@ -276,10 +278,14 @@ class LostMotion(Family):
         stroke = (conditions.drives - self.middle_m) / self.half_stroke_m
         shapes = [(sliding, "play_by_length", self._WORN, stroke), (sliding, "play_by_length_2", self._WORN, stroke**2)]
         if loaded:
-            relative = np.abs(np.asarray(conditions.drive_force)) / np.maximum(conditions.mean_force, 1e-9) - 1.0
+            carried = conditions.mean_force
+            relative = np.abs(np.asarray(conditions.drive_force)) / np.maximum(carried, _NO_FORCE) - 1.0
+            places = zip(drives, conditions.places(drives), strict=True)
+            # of a drive that carries nothing they would be its play once more, and share its size out among the names
+            carrying = tuple(drive for drive, k in places if carried[k] > _NO_FORCE)
             shapes += [
-                (drives, "play_by_load", self._LOADED, relative),
-                (drives, "play_by_load_2", self._LATER, relative**2),
+                (carrying, "play_by_load", self._LOADED, relative),
+                (carrying, "play_by_load_2", self._LATER, relative**2),
             ]
         found = []
         ways = {"both_sides": side, "rising_only": 0.5 * (side + 1.0), "falling_only": 0.5 * (side - 1.0)}
@@ -307,7 +313,7 @@ class LostMotion(Family):
         places, units = conditions.places(drives), np.array([drive.unit for drive in drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
-        force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9)
+        force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, _NO_FORCE)
         dragged = np.asarray(conditions.approach)[:, places]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(drives))
