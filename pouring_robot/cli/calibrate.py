@@ -38,6 +38,7 @@ def calibrate(
     from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.map_fit import FitOptions
+    from pouring_robot.robot.description.urdf import urdf_files
     from pouring_robot.robot.pouring_robot import robot_of
     from pouring_robot.robot.tolerances import Tolerances
 
@@ -50,7 +51,9 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
-    robot_of(present).location_in_the_middle()  # where its URDF will stand: refused before the fit, not after it
+    # Where its URDF will stand, and its meshes: refused before the fit, not after it.
+    robot_of(present).location_in_the_middle()
+    urdf_files(present.urdf(), out)
     with progress.stage_bars() as show:
         found = run(data, present, chosen, show)
         show("writing", 0, 0)

@@ -91,3 +91,7 @@ def test_what_could_not_be_written_is_refused_before_the_fit(tmp_path, capsys, m
     words = ["calibrate", str(table), "--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path / "out")]
     assert main(words) == 3
     assert "cannot stand at its home" in capsys.readouterr().err
+    shape = '<link name="base"><visual><geometry><mesh filename="base.stl"/></geometry></visual></link>'
+    (tmp_path / "arm.urdf").write_text(ARM.replace('<link name="base"/>', shape), encoding="utf-8")
+    assert main(words) == 2
+    assert "base.stl: this mesh is missing; put it there, or" in capsys.readouterr().err
