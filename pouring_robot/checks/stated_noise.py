@@ -8,7 +8,7 @@ where Z holds all that may move the target smoothly, a column each: every displa
 base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
 drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
 found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where drives also err in
-proportion to where they stand and by waves of their turn.
+proportion to where all stand, and where in proportion to where they stand and by waves of their turn.
 """
 
 import functools
@@ -124,9 +124,10 @@ def check_noise(
     scatters = _scatters(campaign, data, fit, rows, effect, by_drive)
     if not all(one.too_small for one in scatters):
         return
-    # Of few rows waves explain a part of any noise: they may clear it, but how large it is the others say.
-    by_drive += _by_own_place(campaign, data.drives[rows])
-    if all(one.too_small for one in _scatters(campaign, data, fit, rows, effect, by_drive)):
+    # Of few rows each of these explains a part of any noise: it may clear it, but how large it is the others say.
+    more = (_by_all(data.drives[rows]), _by_own_place(campaign, data.drives[rows]))
+    tried = (_scatters(campaign, data, fit, rows, effect, (*by_drive, *causes)) for causes in more)
+    if all(one.too_small for beside in tried for one in beside):
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
@@ -195,10 +196,20 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
         yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)
 
 
+def _in_proportion(drives: FloatArray) -> FloatArray:
+    moved = drives - drives.mean(axis=0)
+    return np.asarray(moved / np.maximum(np.abs(moved).max(axis=0), _STILL_M))
+
+
+def _by_all(drives: FloatArray) -> Iterator[FloatArray]:
+    """Yield that each drive goes along with each, itself among them, in proportion, (n, D)."""
+    moved = _in_proportion(drives)
+    yield from (np.roll(moved, shift, axis=1) for shift in range(drives.shape[1]))
+
+
 def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:
     """Yield what goes by each drive's own value, (n, D): in proportion, and waves of a turn of joint or motor."""
-    moved = drives - drives.mean(axis=0)
-    yield moved / np.maximum(np.abs(moved).max(axis=0), _STILL_M)
+    yield _in_proportion(drives)
     turns = np.array([_turn(drive, campaign.metadata.screw_pitch_m) for drive in campaign.robot.drives])
     for order in range(1, _ORDERS + 1):
         phase = 2.0 * np.pi * order * drives / turns

@@ -8,6 +8,7 @@ varies with it, the data say.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,7 @@ _VARIED = 0.1
 DRIVES, SEEN = "drives", "seen place"
 CONSTANT = "a constant"
 SIDE = "side of approach"
+OTHERS = "other drives"
 _MOST_BY_CHANCE = 600
 PoseLengths = dict[str, tuple[float, int]]
 """Length scales over the standardised pose, in words, each with the largest number of its columns."""
@@ -41,6 +43,7 @@ _POSE_LENGTHS: PoseLengths = {"widely": (1.2, 50), "finely": (0.6, 80)}
 _COMPONENT_LENGTHS: PoseLengths = {"": (1.2, 40)}
 _REGION_LENGTH, _REGION_MOST = 1.5, 12
 _NUMBER_LENGTH, _KIND_LENGTH = 1.0, 2.0  # over standardised values: of one, of all thermometers of a kind
+_OTHERS_MOST = 8
 _SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
 _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
 _LEAN_LENGTHS = {"coarsely": 0.5, "finely": 0.25}
@@ -109,6 +112,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
         *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
         *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
         *_of_own_value(places),
+        *_of_other_drives(places),
         by_chance_at(DRIVES, places.drives, len(given)),
         by_chance_at(given.causes.words.base, base, len(given)),
         *_constant(inside, places),
@@ -138,6 +142,11 @@ def disagreements_of(places: Places) -> Iterator[Process]:
         varying = _varying(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True)
         lengths = {words: _without_mean(parts[0].course) for words, parts in varying.lengths.items()}
         yield _moved(drive.words, varying.by, [one], lengths)
+    if _may_be_coupled(given):
+        values, drives = _USUAL * standardised(given.drives), given.robot.drives
+        for (drive, one), (k, other) in itertools.product(zip(drives, places.drives, strict=True), enumerate(drives)):
+            if drive != other:
+                yield _moved(drive.words, f"value of {other.words}", [one], {"": values[:, k : k + 1]})
 
 
 def _without_mean(course: FloatArray) -> FloatArray:
@@ -223,6 +232,34 @@ def _of_own_value(places: Places) -> Iterator[Process]:
         yield replace(_varying(name, values, slides), same_as=_as_general(given, drives))
         if slides:
             yield from _by_lean(given, name, drives, of_drive)
+
+
+def _may_be_coupled(given: Conditions) -> bool:
+    """Return whether drives may go along with each other: shafts, belts and rods lead past joints of open chains.
+
+    Drives of loops set a pose together, which says as much.
+    """
+    return bool(np.count_nonzero(np.ptp(given.drives, axis=0)) > 1) and not given.robot.mechanism().anchors
+
+
+def _of_other_drives(places: Places) -> Iterator[Process]:
+    """Yield that each drive goes along with all others, in proportion or by any smooth function of each."""
+    if not _may_be_coupled(places.given):
+        return
+    values = standardised(places.given.drives).T
+    ways = {
+        "in proportion": [value[:, None] for value in values],
+        "smoothly": [smooth(value, _NUMBER_LENGTH, most=_OTHERS_MOST) for value in values],
+    }
+    lengths = {
+        words: tuple(
+            Part(channel, _USUAL * np.hstack([course for j, course in enumerate(courses) if j != k]))
+            for k, channel in enumerate(places.drives)
+        )
+        for words, courses in ways.items()
+    }
+    turning = [drive.joint for drive in places.given.robot.drives if drive.unit == "rad"]
+    yield Process(DRIVES, OTHERS, lengths, same_as=_of_families(places.given, {"coupling"}, turning))
 
 
 def _varying(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: bool, *, short: bool = False) -> Process:

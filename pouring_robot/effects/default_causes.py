@@ -39,7 +39,7 @@ def causes_of(robot: RobotDefinition) -> Causes:
         return robot.causes
     mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
     return Causes(
-        entries=(*_of_drives(robot), *_bearings(robot, mechanism), *_of_structure(robot)),
+        entries=(*_of_drives(robot), *_coupled(robot, mechanism), *_bearings(robot, mechanism), *_of_structure(robot)),
         placements=_placements(robot, mechanism),
         thermometers=(ambient, *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
@@ -79,6 +79,15 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
         else:
             family, sizes = "spring", {"load": _usual_moment(robot), "strengths": _strengths(robot, groups[name])}
         yield CauseEntry(cause, family, story, {**own, "group": name, **sizes})
+
+
+def _coupled(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
+    """Yield that turning drives of an open chain go along with others: in a loop each has a motor on the base."""
+    joints = (drive.joint for drive in robot.drives if drive.unit == "rad")
+    turns = tuple(sorted(joints, key=mechanism.shared_model.getJointId))
+    if len(turns) > 1 and not mechanism.anchors:
+        story = "a drive goes along with another one: gears, belts or rods to it lead past the other's joint"
+        yield CauseEntry("drive_coupling", "coupling", story, {"drives": turns})
 
 
 def _each(groups: Groups, id_: str) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -39,7 +39,7 @@ EVERY = ("joint_placement", "link_thermal_expansion", "base_drift", "metrology_s
 SLIDING = ("drive_zero_offset", "drive_scale", "drive_periodic", "drive_backlash", "drive_compliance")
 TURNING = ("drive_zero_offset", "drive_scale", "joint_periodic", "drive_backlash", "drive_compliance")
 IDS = {
-    "arm": (*TURNING, "joint_compliance", *EVERY),
+    "arm": (*TURNING, "drive_coupling", "joint_compliance", *EVERY),
     "delta": TURNING + EVERY,
     "five_bar": TURNING + EVERY,
     "hexapod": SLIDING + EVERY,
@@ -193,7 +193,7 @@ def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
     learned = {"here": learned_in(rows.campaign, given)}
     found = rows.not_told_by_commands(rows.model.model_copy(update={"effects": entries, "learned": learned}))
     by_command = {"drive_zero_offset", "drive_scale", "drive_periodic", "joint_periodic", "joint_placement"}
-    by_command |= {"metrology_scale"}  # which does nothing to a command
+    by_command |= {"drive_coupling", "metrology_scale"}  # which does nothing to a command
     if not np.any(given.drive_force):
         by_command.add("drive_compliance")  # weight loads none of the drives
     assert {*found} == {name for name in testable if name.partition(".")[0] not in by_command}

@@ -1,7 +1,7 @@
 """Which families of effects there are: a new one is a class in the fitting file beside this one, and its name here."""
 
 from pouring_robot.effects.base import Family
-from pouring_robot.effects.families.drives import LostMotion, Periodic, Ratio, Scale, Zero
+from pouring_robot.effects.families.drives import Coupling, LostMotion, Periodic, Ratio, Scale, Zero
 from pouring_robot.effects.families.growth import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
@@ -11,6 +11,7 @@ FAMILIES: dict[str, type[Family]] = {
     "zero": Zero,
     "scale": Scale,
     "ratio": Ratio,
+    "coupling": Coupling,
     "periodic": Periodic,
     "lost_motion": LostMotion,
     "centres": Centres,

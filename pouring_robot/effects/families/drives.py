@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.effects.base import Family, Form, of_drive, of_each
+from pouring_robot.effects.base import EffectParameter, Family, Form, of_drive, of_each
 from pouring_robot.effects.conditions import SIDES, Conditions
 from pouring_robot.estimation.intervals import Z95, value_and_half_width
 from pouring_robot.io.units import MM, MRAD, shown_in
@@ -142,6 +142,35 @@ class Ratio(Family):
         forms = [Form("all", tuple(scale)), Form("all_from_home", (*scale, *home))]
         for drive, *each in zip(self.drives, scale, home, strict=True) if len(scale) > 1 else ():
             forms += [Form(f"{drive.symbol}_alone", (each[0],)), Form(f"{drive.symbol}_from_home", tuple(each))]
+        return tuple(forms)
+
+
+@dataclass(eq=False)
+class Coupling(Family):
+    """A turning drive goes along with another one, in proportion: shafts, belts or rods lead past the other's joint."""
+
+    driven_by = "angles_rad"
+    _SIZE = 10.0
+    """In mrad/rad, as a ratio: what is coupled is so by gears, too."""
+    _PAST = 2
+    """Joints that are led past: a hollow wrist has all its three motors behind it."""
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Of one drive by one before it, from where the count of that is zero; or of two neighbours by each other."""
+        angles = conditions.drives - [drive.zero for drive in conditions.robot.drives]
+        turned = angles[:, conditions.places(self.drives)].T
+
+        def along(k: int, other: int) -> EffectParameter:
+            name = f"by_{self.drives[other].symbol}"
+            return of_drive(self.drives[k], name, self._SIZE, turned[other], per="/rad")
+
+        forms = []
+        for k, drive in enumerate(self.drives):
+            for other in range(max(k - self._PAST, 0), k):
+                forms.append(Form(f"{drive.symbol}_by_{self.drives[other].symbol}", (along(k, other),)))
+            if k:
+                both = (along(k, k - 1), along(k - 1, k))
+                forms.append(Form(f"{self.drives[k - 1].symbol}_and_{drive.symbol}", both))
         return tuple(forms)
 
 

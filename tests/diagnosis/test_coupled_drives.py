@@ -1,0 +1,69 @@
+"""Joints that go along with the one before them, by a chain of rotations that knows nothing of the library."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pouring_robot import Campaign, RobotModel, diagnose
+from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.flags import FlagCode
+from pouring_robot.diagnosis import DiagnosisOptions
+from pouring_robot.io.units import MRAD
+from tests.examples import arm
+from tests.examples.machines import MACHINES
+from tests.support import ROOT
+
+ROBOT = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
+SIGMA_M, SIGMA_RAD, SHARE = 3e-5, 3e-5, 1e-3
+
+
+def measured(folder, follower, leader):
+    """Return a campaign of 120 poses in which one joint turns by a share of another one's angle too far."""
+    random = np.random.default_rng(4)
+    drives = MACHINES["arm"].targets(random, 120)
+    turned = drives.copy()
+    turned[:, follower] += SHARE * drives[:, leader]
+    position, rotation = arm.forward(turned)
+    position = position + SIGMA_M * random.normal(size=position.shape)
+    seen = Rotation.from_matrix(rotation) * Rotation.from_rotvec(SIGMA_RAD * random.normal(size=position.shape))
+    table = {f"q{k}_rad": values for k, values in enumerate(drives.T, 1)}
+    table |= {f"{axis}_m": values for axis, values in zip("xyz", position.T, strict=True)}
+    table |= {f"r{axis}_rad": values for axis, values in zip("xyz", seen.as_rotvec().T, strict=True)}
+    pd.DataFrame(table).to_csv(folder / "campaign.csv", index=False)
+    noise = f"{{sigma_position_m: {SIGMA_M}, sigma_rotation_rad: {SIGMA_RAD}}}"
+    (folder / "campaign.yaml").write_text(f"metrology: {noise}\n", encoding="utf-8")
+    return Campaign.read(folder / "campaign.csv", RobotModel.for_robot(ROBOT).definition)
+
+
+@pytest.fixture(scope="module", params=[(5, 4), (2, 1)], ids=["wrist", "forearm"])
+def coupled(request, tmp_path_factory):
+    """The joints, by their numbers from 1, and the campaign."""
+    follower, leader = request.param
+    return follower + 1, leader + 1, measured(tmp_path_factory.mktemp("arm"), follower, leader)
+
+
+def test_a_joint_that_goes_along_with_another_is_named_with_its_share(coupled):
+    """It was a wrong gear of the other joint and a joint out of place, 99 % sure, or a noise beyond the stated one."""
+    follower, leader, campaign = coupled
+    model = RobotModel.for_robot(ROBOT)
+    found = diagnose(campaign, model, DiagnosisOptions(next_count=0))
+    (effect,) = found.effects
+    assert effect.cause.effect == "drive_coupling"
+    (said,) = effect.parameters
+    assert (said.parameter.name, said.parameter.unit) == (f"q{follower}_by_q{leader}", "mrad/rad")
+    assert said.value == pytest.approx(SHARE / MRAD, abs=3.0 * said.std)
+    assert said.std < 0.05
+    flags = check_campaign(campaign, model.definition.drawing())
+    assert FlagCode.NOISE_TOO_SMALL not in [flag.code for flag in flags]
+
+
+def test_without_that_cause_it_is_told_on_what_it_depends(coupled):
+    follower, leader, campaign = coupled
+    options = DiagnosisOptions(next_count=0, exclude=("drive_coupling",))
+    found = diagnose(campaign, RobotModel.for_robot(ROBOT), options)
+    told = [line.sentence for line in found.where.findings if f"value of q{leader}" in line.sentence]
+    assert told[0].startswith(f"Depends on the value of q{leader}: q{follower} by ")
+    if leader == 5:
+        assert found.verdict == "unknown"
+        assert {part.structure.process.name for part in found.remainder} == {"drives by other drives"}
