@@ -292,9 +292,12 @@ class Campaign(Result):
 
     @property
     def usable(self) -> BoolArray:
-        """Which rows can be compared with a model, (n,): all drives known and anything measured."""
+        """Which rows can be compared with a model, (n,): all drives known and anything measured, also from there."""
         commanded = np.isfinite(self.drives).all(axis=1)
-        measured = self._values_known.any(axis=1) | self.robot.loops.redundant_drives
+        measured = np.asarray(self._values_known.any(axis=1) | self.robot.loops.redundant_drives)
+        if self.distance_m is not None:
+            starts = self.distance_start[np.isfinite(self.distance_m[:, 0])]
+            measured[starts[starts >= 0]] = True
         return np.asarray(commanded & measured, dtype=np.bool_)
 
     def rows_by_session(self) -> dict[str, Indices]:

@@ -112,6 +112,14 @@ def test_derivatives_of_coordinates_and_distances(model, drives, places):
         np.testing.assert_allclose(equations.jacobian[:, k], slope, atol=2e-5 * max(1.0, np.abs(slope).max()))
 
 
+def test_a_row_that_distances_start_from_is_of_use_without_a_reading_of_its_own(model, drives, places):
+    """A diagnosis left it out, and with it every distance from there."""
+    length = np.linalg.norm(places - places[0], axis=1)[:, None]
+    length[0], length[5] = np.nan, np.nan
+    campaign = campaign_of(drives, distance_m=length, distance_from=("", *("p0",) * 23))
+    assert np.flatnonzero(~campaign.usable).tolist() == [5]
+
+
 def test_a_distance_counts_only_with_the_row_it_starts_from(model, drives, places):
     length = np.linalg.norm(places - places[0], axis=1)[:, None]
     campaign = campaign_of(drives, distance_m=length, distance_from=("", *("p0",) * 23))
