@@ -118,7 +118,7 @@ def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     both = known + asked
     sizes = np.sqrt(np.maximum(np.diag(both), 1e-300))  # metres and radians
     squared, axes = np.linalg.eigh(both / sizes / sizes[:, None])
-    kept = squared > _RESOLUTION**2 * squared[-1]
+    kept = squared > _RESOLUTION**2 * squared.max(initial=0.0)
     axes = axes[:, kept] / np.sqrt(squared[kept])
     share = axes.T @ (known / sizes / sizes[:, None]) @ axes
     return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= _KNOWN)

@@ -86,7 +86,7 @@ class StrictModel(pydantic.BaseModel):
 
 
 def read_yaml(path: Path | str) -> CommentedMap:
-    """Read a YAML file whose top level is a mapping; who reads it again may get the same object, so leave it as it is.
+    """Read a YAML file whose top level is a mapping; who reads it again may get the same parts: leave them as they are.
 
     Raises:
         DescriptionError: the file is missing, unreadable, not YAML, has a key twice, or is not a mapping; the message
@@ -117,7 +117,7 @@ def parse_yaml(text: str, path: Path) -> CommentedMap:
         raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
         raise DescriptionError(path, "must be a mapping of keys to values at its top level")
-    return content
+    return content.copy()  # with the numbers of its lines; what is kept for the next who asks stays as the text has it
 
 
 def yaml_text(content: Any, **style: Any) -> str:

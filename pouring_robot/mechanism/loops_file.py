@@ -158,7 +158,7 @@ def load_loops(path: Path | str, said: Mapping[str, Any] = MappingProxyType({}))
     What is ``said`` elsewhere counts in place of its keys, which it then need not have.
     """
     path = Path(path)
-    content = read_yaml(path).copy()  # with the numbers of its lines
+    content = read_yaml(path)
     if "closed_loop" in content:
         content = CommentedMap(_from_gepetto(content, path))
     content.update(said)

@@ -117,6 +117,13 @@ def test_broken_files(written, content, words):
     assert "\n" not in str(caught.value)
 
 
+def test_keys_that_a_reader_adds_are_not_in_the_file_for_the_next(written):
+    path = written("name: one\n")
+    content = read_yaml(path)
+    content |= {"name": "two", "more": 1}
+    assert read_yaml(path) == {"name": "one"}
+
+
 def test_missing_file_and_the_kind_of_error(tmp_path):
     with pytest.raises(DescriptionError, match=r"absent\.yaml: cannot be read: No such file"):
         read_yaml(tmp_path / "absent.yaml")
