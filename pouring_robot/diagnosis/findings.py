@@ -29,7 +29,7 @@ class Findings:
     model: RobotModel  # the given model
     rows: CampaignRows  # the inliers against it
     inliers: Indices  # index in the campaign of each of them, (n,)
-    left_out: Indices  # rows left out as gross errors, by index in the campaign
+    left_out: Indices  # rows left out as gross errors or copies, by index in the campaign
     flags: tuple[DataFlag, ...]  # what the checks found in the data
     noise: NoiseLevel  # of the measurements
     fitted: BoolArray  # which inliers were fitted, (n,); the others are held out

@@ -38,8 +38,10 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "to the next counts as noise"
         )
     lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
-    if diagnosis.left_out.size:
-        lines.append(f"left out as gross errors: {where(diagnosis.campaign, diagnosis.left_out, _MOST_LINES)}")
+    copies = [row for flag in diagnosis.flags if flag.code is FlagCode.REPEATED_ROWS for row in flag.rows]
+    wrong = np.setdiff1d(diagnosis.left_out, copies)  # of the others their flag says what they are
+    if wrong.size:
+        lines.append(f"left out as gross errors: {where(diagnosis.campaign, wrong, _MOST_LINES)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.left_out)
     if unusable.size:
         lines.append(f"without a command or a measurement: {where(diagnosis.campaign, unusable, _MOST_LINES)}")

@@ -74,7 +74,7 @@ def _rows_used(diagnosis: Conclusions) -> str:
         )
     return (
         f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.left_out.size} "
-        f"left out as gross errors; noise {sigma:.3g} mm ({noise[noise.length_kind].source}).{played}"
+        f"left out as gross errors or copies; noise {sigma:.3g} mm ({noise[noise.length_kind].source}).{played}"
     )
 
 
