@@ -1,8 +1,8 @@
 """One seed of the user's, a stream of random numbers for each use of it: what one draws moves no other's.
 
 A sweep draws by spawn keys of its seed (:mod:`pouring_robot.sweeps.draws`, :mod:`pouring_robot.sweeps.plan`), but Sobol
-sequences and indices there, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), by the seed alone. Fixed seeds are for
-what is drawn so that the same input gives the same answer, whatever the user's seed.
+sequences and indices there, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), by the seed alone. Fixed seeds
+are for what is drawn so that the same input gives the same answer, whatever the user's seed.
 """
 
 from __future__ import annotations
