@@ -117,7 +117,8 @@ def parse_yaml(text: str, path: Path) -> CommentedMap:
         raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
         raise DescriptionError(path, "must be a mapping of keys to values at its top level")
-    return content.copy()  # with the numbers of its lines; what is kept for the next who asks stays as the text has it
+    own: CommentedMap = content.copy()  # with the numbers of its lines; what is kept stays as the text has it
+    return own
 
 
 def yaml_text(content: Any, **style: Any) -> str:
