@@ -135,8 +135,8 @@ class Diagnoser:
         other noise led to. The hypothesis is of the problem of the state returned with it.
 
         Far from the drawing one cause looks like another there, to first order: where a step bends by a share of the
-        noise, the causes that look best at rest are each settled alone, too, and the best of them is followed if it is
-        clearly better.
+        noise, the causes that look best at rest and were not refused are each settled alone, too, and the best of them
+        is followed if it is clearly better.
         """
         likely: list[tuple[str, str]] = []
 
@@ -147,7 +147,8 @@ class Diagnoser:
 
         best = self._followed(begun, at)
         if best.bent > _BENT and not start:
-            alone = [self._alone(key) for key in likely if best.hypothesis.effects != key[:1]]
+            known, refused = best.hypothesis.effects, best.hypothesis.barred
+            alone = [self._alone(key) for key in likely if known != key[:1] and key not in refused]
             for state, single in sorted(alone, key=lambda found: -found[1].log_evidence)[:1]:
                 if single.log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
                     best = self._followed(functools.partial(_given, single), state)
