@@ -133,7 +133,8 @@ class Robot:
         return np.asarray(drives + self.model.offset_of_each_drive())
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
-        """Return the same by name, of all drives."""
+        """Return the same by name, of all drives; raises BadInputError where one is missing, or a name is none."""
+        self.drawing.check_drives(drives)
         mechanism = self.drawing.mechanism
         return mechanism.named_drives(self.standing(np.array([drives[name] for name in mechanism.loops.drives])))
 

@@ -112,3 +112,15 @@ def test_commands_are_the_robots_own_copy():
     assert (found.commanded_drives.values != 7.0).all()
     assert found.commanded_drives.attrs == {"units": "m or rad, see 'unit'"}
     assert robot.locate_drives([]).sizes["pose"] == 0
+
+
+def test_drives_by_name_are_all_of_them(crooked):
+    names = crooked.drawing.mechanism.loops.drives
+    told = dict.fromkeys(names, 0.25)
+    offset = np.array(list(crooked.actual_drives(told).values())) - 0.25
+    np.testing.assert_allclose(offset, crooked.model.offset_of_each_drive(), atol=1e-15)
+    del told[names[-1]]
+    with pytest.raises(BadInputError, match=f"the value of drive '{names[-1]}' is missing"):
+        crooked.actual_drives(told)
+    with pytest.raises(BadInputError, match="'elbow' is no drive"):
+        crooked.actual_drives({**told, "elbow": 0.0})

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pouring_robot.batch.samples import BatchCommand, BatchStart
-from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
@@ -74,6 +75,17 @@ class Drawing:
         if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
         return np.asarray(self.engine.structure.configurations(start.joints)[0])
+
+    def check_drives(self, drives: Mapping[str, float]) -> None:
+        """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
+        wanted = self.mechanism.loops.drives
+        expect(drives, Mapping, "drive values, in m and rad, are a mapping by the names of their joints")
+        for name in drives:
+            if name not in wanted:
+                raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")
+        missing = [name for name in wanted if name not in drives]
+        if missing:
+            raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
 
 
 def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:

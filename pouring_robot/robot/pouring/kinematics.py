@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pouring_robot.batch.samples import BatchCommand, BatchStart
-from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
+from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
@@ -179,17 +179,6 @@ class FourUPUKinematics(Drawing):
         z = fixed[0, 1] - (rear_fixed[..., 1] * cos - rear_fixed[..., 0] * sin)
         poses = np.stack([x, np.broadcast_to(y[:, None], x.shape), z, tilt], axis=-1)
         return np.take_along_axis(poses, np.abs(tilt).argsort(axis=1, kind="stable")[..., None], axis=1), sides, across
-
-    def check_drives(self, drives: Mapping[str, float]) -> None:
-        """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
-        wanted = self.mechanism.loops.drives
-        expect(drives, Mapping, "drive values, in m and rad, are a mapping by the names of their joints")
-        for name in drives:
-            if name not in wanted:
-                raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")
-        missing = [name for name in wanted if name not in drives]
-        if missing:
-            raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
 
 
 def _circle_meetings(centre_a: FloatArray, radii_a: FloatArray, centres_b: FloatArray, radius_b: float) -> FloatArray:
