@@ -239,7 +239,7 @@ def _may_be_coupled(given: Conditions) -> bool:
 
     Drives of loops set a pose together, which says as much.
     """
-    return bool(np.count_nonzero(np.ptp(given.drives, axis=0)) > 1) and not given.robot.mechanism().anchors
+    return bool(np.count_nonzero(np.ptp(given.drives, axis=0)) > 1) and not given.robot.loops.loops
 
 
 def _of_other_drives(places: Places) -> Iterator[Process]:

@@ -83,7 +83,7 @@ def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
     """Yield what may be found, and what weight makes of soft joints, with their columns in all equations."""
-    if rows.conditions.joint_moments and rows.conditions.robot.mechanism().anchors:
+    if rows.conditions.joint_moments and rows.conditions.robot.loops.loops:
         yield _softness(rows, linear)
     # Of what the model has already there may be less: bounds are of whole effects.
     whole = not rows.model.effects and rows.model.heat is None
