@@ -148,10 +148,10 @@ class Diagnoser:
         best = self._followed(begun, at)
         if best.bent > _BENT and not start:
             known, refused = best.hypothesis.effects, best.hypothesis.barred
-            alone = [self._alone(key) for key in likely if known != key[:1] and key not in refused]
-            for state, single in sorted(alone, key=lambda found: -found[1].log_evidence)[:1]:
-                if single.log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
-                    best = self._followed(functools.partial(_given, single), state)
+            alone = (self._alone(key) for key in likely if known != key[:1] and key not in refused)
+            other = max(alone, key=lambda found: found[1].log_evidence, default=None)
+            if other and other[1].log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
+                best = self._followed(functools.partial(_given, other[1]), other[0])
         return best.state, best.hypothesis
 
     def _followed(self, begin: Callable[[LinearState], Hypothesis], at: State | None = None) -> _Followed:
