@@ -295,7 +295,7 @@ class _Work:
         if not why:
             return diagnosis
         told = misfit if judgement.verdict == "unknown" else why
-        return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why))
+        return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
 
     def _concluded(
         self, found: _Searched, before: LinearState, misfit: str, unsettled: str

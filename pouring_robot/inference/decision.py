@@ -59,6 +59,8 @@ class Judgement:
     scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
     # effects that may be a part of something unknown: a process in their place would explain nearly as well
     doubtful: tuple[str, ...] = ()
+    # root mean square of all that is unknown, in noise standard deviations, what doubtful effects take up of it counted
+    unknown_size: float = 0.0
 
     @property
     def names(self) -> bool:
@@ -88,11 +90,11 @@ class Judgement:
         """Effects in whose place a process explains better, so that something is unknown, with that process."""
         return {c.effect: found for c, found in self.challenged if found.margin > self.structure_evidence}
 
-    def disbelieved(self, why: str) -> Judgement:
-        """Return the same with no cause that is sure, as something is wrong with all of them."""
+    def disbelieved(self, why: str, gap: float) -> Judgement:
+        """Return the same with no cause that is sure, as something is wrong with all: the whole gap is unknown."""
         reasons = (why, *(line for line in self.reasons if line != why))
         doubtful = tuple(cause.effect for cause in self.causes)
-        return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful)
+        return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful, unknown_size=gap)
 
 
 def judge(
@@ -153,8 +155,20 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    described = rest() if found.clear_structures else ()
-    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=described)
+    if verdict == "unknown" and not found.scatters:
+        size = min(_unknown_size(discrepancy, found, rest), hypothesis.problem.given_size)  # others undo what is more
+        found = replace(found, remainder=rest() if found.clear_structures else (), unknown_size=size)
+    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons))
+
+
+def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[], Sequence[Summand]]) -> float:
+    """Return the size of what is unknown, in noise standard deviations: of processes that explain it together.
+
+    What a doubtful cause takes up is a part of it, so they are asked without any.
+    """
+    doubtful = [k for cause in found.causes if cause.effect in found.doubtful for k in cause.indices]
+    together = discrepancy.without(doubtful).sum(found.structure_evidence, _MOST_PARTS) if doubtful else rest()
+    return rms(np.sum([one.part for one in together], axis=0)) if together else 0.0
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:

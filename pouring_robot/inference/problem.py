@@ -131,6 +131,11 @@ class Problem:
         found = tuple(replace(e, columns=nuisance.clear(e.columns)) for e in explanations)
         return cls(nuisance.cleared(residual), nuisance, cleared, found)
 
+    @property
+    def given_size(self) -> float:
+        """Root mean square of the gap of the given model, in noise standard deviations."""
+        return math.sqrt(self.given_squared / len(self.residual))
+
     @functools.cached_property
     def known(self) -> frozenset[str]:
         """Ids of the effects that may be named."""

@@ -205,6 +205,10 @@ def test_what_may_not_be_named_is_unknown_and_described(excluded):
     assert figures["reasons"]
     firm, nearest = ({e["effect"] for e in figures[key]} for key in ("effects", "nearest"))
     assert not firm & nearest
+    # The machine is faultless: what is no noise is the step, whatever known effects take up of it.
+    step = np.sqrt(excluded.hypothesis.problem.given_size**2 - 1.0)
+    assert figures["unknown_size_in_noise"] == pytest.approx(step, rel=0.05)
+    assert f"by {step:.1f} times the noise" in excluded.headline
 
 
 def test_nothing_said_is_longer_than_it_must_be(hot, nothing, excluded):

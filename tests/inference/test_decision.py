@@ -84,9 +84,11 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=(), leads=None):
+    def __init__(
+        self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=(), leads=None, instead=()
+    ):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
-        self._leads = leads or {}
+        self._leads, self._instead = leads or {}, instead
         self._rest = [SimpleNamespace(part=np.full(ROWS, part)) for part in rest]
         self._noise, self._under = noise, under
         self.asked = []
@@ -103,6 +105,10 @@ class Left:
     def lead(self, indices, least_evidence):
         self.asked.append((indices, least_evidence))
         return self._leads.get(indices, np.inf)
+
+    def without(self, indices):
+        self.asked.append(indices)
+        return Left(rest=self._instead)
 
     def noise(self):
         return self._noise
@@ -495,12 +501,27 @@ def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_
     assert told_as((3.0, 99.0), under, sized(SURE, SURE)).doubtful == ("large",)
 
 
+@pytest.mark.parametrize(("doubtful", "size"), [(True, 3.0), (False, 0.7)])
+def test_what_a_doubtful_cause_takes_up_of_it_is_unknown(doubtful, size):
+    """Processes that explain it together are asked beside the causes that are sure; no gap is less than the unknown."""
+    leads = {(1,): -1.0} if doubtful else {}
+    left = Left([structure(50.0, 99.0)], rest=(0.5, 0.2), instead=(4.0, -1.0), leads=leads)
+    for gap, told in ((np.inf, size), (0.6, 0.6)):
+        hypothesis = sized(SURE, SURE)
+        problem = replace(hypothesis.problem, given_squared=gap**2 * ROWS)
+        judged = judge(replace(hypothesis, problem=problem), left)
+        assert judged.unknown_size == pytest.approx(told)
+        assert ([1] in left.asked) == doubtful
+    assert judge(sized(SURE, SURE), Left()).unknown_size == 0.0
+
+
 def test_of_what_is_disbelieved_nothing_is_sure():
     judged = judge(sized(SURE, SURE), Left())
     assert (judged.verdict, judged.doubtful) == ("named", ())
     for _ in range(2):  # said once, however often it is asked
-        judged = judged.disbelieved("too large")
+        judged = judged.disbelieved("too large", 7.0)
         assert (judged.verdict, judged.reasons, {*judged.doubtful}) == ("unknown", ("too large",), {"large", "small"})
+        assert judged.unknown_size == 7.0  # the whole gap
 
 
 def test_small_errors_brought_to_light_are_no_cause():

@@ -114,6 +114,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "worse": diagnosis.worse,
         "reasons": list(judgement.reasons),
         "misfit": diagnosis.misfit,
+        "unknown_size_in_noise": judgement.unknown_size,
         "remainder": [item.figures() for item in diagnosis.remainder],
         "challenges": [
             {"effect": cause.effect, "description": found.process.name, "margin_nats": found.margin}

@@ -52,8 +52,8 @@ def headline(diagnosis: Conclusions) -> str:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
         said = scatter_text(diagnosis) or f"something moves the {moved} that no effect of the library explains"
-        if diagnosis.remainder and not diagnosis.judgement.scatters:
-            said += f", by {diagnosis.remainder[0].size:.1f} times the noise"
+        if size := diagnosis.judgement.unknown_size:
+            said += f", by {size:.1f} times the noise"
         return f"UNKNOWN: {said}.{besides}"
     names = _names(diagnosis)
     # Who reads one sentence must not take the causes for the gap where joints make more of it.
@@ -234,8 +234,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
     if diagnosis.verdict != "unknown":
         return []
-    lines = [item.sentence for item in diagnosis.remainder]
-    judged, better = diagnosis.judgement, dict[str, list[str]]()
+    lines, judged, better = list[str](), diagnosis.judgement, dict[str, list[str]]()
     for effect in judged.doubtful:
         found = judged.beaten.get(effect)
         better.setdefault(found.process.words if found else "", []).append(effect)
@@ -244,6 +243,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
         better_said = f"{are} but not it: '{words}' describes the data better"
         said = better_said if words else "may be at work, or a part of what is unknown"
         lines.append(f"{', '.join(effects)} {said}")
+    beside = f"beside {'them' if len(judged.doubtful) > 1 else 'it'}, " if lines else ""
+    lines += [beside + item.sentence for item in diagnosis.remainder]
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
