@@ -115,6 +115,7 @@ def figures(trials: Sequence[Trial]) -> list[Figure]:
     outside, confounded = by["outside"], by["confounded"]
     excluded = [t for t in trials if t.excluded]
     gaps = [t for t in (*strong, *pairs) if t.gap[0] > _GAP * t.gap[2]]
+    sizes = [t.unknown_size / t.ratios[0] for t in (*outside, *excluded) if t.unknown_size > 0.0]
     alarms = sum(not _silent(t) for t in by["null"])
     estimates = [e for t in plain if t.exact for e in t.estimates]
     worse = [t for t in by["null"] if t.worse > _ALIKE and not t.named]
@@ -132,6 +133,8 @@ def figures(trials: Sequence[Trial]) -> list[Figure]:
         rate("outside: unknown", outside, lambda t: t.verdict == "unknown", 0.90, 0.98),
         rate("--exclude the truth: unknown", excluded, lambda t: t.verdict == "unknown", 0.85, 0.95),
         rate("  a wrong neighbour named", excluded, lambda t: t.verdict in {"named", "group"}),
+        median("what is unknown: size said over true, median", sizes),
+        _rate("  within a half and twice", sum(0.5 <= s <= 2.0 for s in sizes), len(sizes), math.nan, math.nan),
         rate("confounded: a group that holds the truth", confounded, lambda t: t.grouped, 0.95, 1.0),
         rate("  looser: named or grouped, of what explains as well", confounded, lambda t: t.acceptable),
         median("held-out share closed, median", [t.closed for t in gaps], 0.95, 0.99),

@@ -153,6 +153,19 @@ def test_each_kind_counts_in_its_own_row():
     assert counts["single < 1x: named or in its group"] == "0 of 1"
 
 
+def test_the_size_of_what_is_unknown_is_held_against_the_truth():
+    strangers = [made("outside", ["x_refraction"], "unknown", [], ratio=ratio) for ratio in (4.0, 4.0, 8.0)]
+    left_out = made("single", ["drive_scale"], "unknown", [], excluded="drive_scale", ratio=4.0)
+    said = [
+        replace(one, unknown_size=size) for one, size in zip([*strangers, left_out], (2.0, 0.0, 9.6, 0.4), strict=True)
+    ]
+    median, within = (
+        figure(said, name) for name in ("what is unknown: size said over true, median", "  within a half and twice")
+    )
+    assert median.value == pytest.approx(0.5)  # of 0.5, 1.2 and 0.1; of one nothing was said
+    assert within.counts == "2 of 3"
+
+
 def test_confusion_puts_false_effects_into_their_columns():
     trials = [
         made("single", ["base_drift"], "named", ["base_drift", "drive_scale"]),

@@ -85,6 +85,7 @@ class Trial:
         reasons: why the verdict is what it is.
         gap: held-out ``before``, ``after`` and ``floor`` of the position in mm; NaN where no rows are held out.
         turn_gap: the same of the rotation in mrad.
+        unknown_size: of what is unknown, over the noise; 0 where nothing is or it scatters.
         closed: share of the held-out gap of the position that is gone.
         estimates: parameters of which the truth is known.
         seconds: the diagnosis took.
@@ -106,6 +107,7 @@ class Trial:
     reasons: tuple[str, ...] = ()
     gap: tuple[float, float, float] = (math.nan,) * 3
     turn_gap: tuple[float, float, float] = (math.nan,) * 3
+    unknown_size: float = math.nan
     closed: float = math.nan
     estimates: tuple[Estimate, ...] = ()
     seconds: float = math.nan
@@ -246,6 +248,7 @@ def _kept(found: Diagnosis, truth: dict[str, Any]) -> dict[str, Any]:
         "reasons": found.judgement.reasons,
         "gap": tuple(1e3 * held.position(k) for k in which) if held else (math.nan,) * 3,
         "turn_gap": tuple(1e3 * held.rotation(k) for k in which) if held else (math.nan,) * 3,
+        "unknown_size": found.judgement.unknown_size,
         "closed": held.closed if held else math.nan,
         "estimates": tuple(_estimates(found, truth)),
     }
