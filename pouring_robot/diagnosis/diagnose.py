@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -24,13 +25,13 @@ from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.suggest.next_measurements import USUAL_COUNT
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
-from pouring_robot.diagnosis.where.where import disagreements
+from pouring_robot.diagnosis.where.where import Where, disagreements
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
-from pouring_robot.estimation.noise import largest_noise, noise_beforehand
+from pouring_robot.estimation.noise import NoiseLevel, largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split
 from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
@@ -176,34 +177,59 @@ def diagnose(
     if any(flag.code is FlagCode.SESSIONS_OF_ROWS for flag in flags):
         campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
-    found = work.searched(wrong)
-    for _ in range(_GROSS_ERROR_ROUNDS):
-        row = found.after.fitted_rows.row
-        given = found.diagnoser.rows.conditions
-        courses = poses(given), given.time_s[:, None]
-        residuals = found.hypothesis.remainder, found.hypothesis.deletion_residual
-        more = gross_errors(residuals, row, found.diagnoser.fitted, found.left_out.size, courses)
-        if not more.size:
-            break
-        progress("leaving out rows that fit nothing", 0, 0)
-        again = work.searched(np.union1d(found.left_out, found.inliers[more]), found.hypothesis)
-        if not calm(again.hypothesis.remainder):  # what is missing is missing in many rows: none is known to be wrong
-            break
-        found = again
-    return work.judged(found, tuple(flags))
+    asked = work.asked(wrong)
+    with forked(lambda: _where(asked.diagnoser)) as where:  # a core that the search leaves free
+        found = work.searched(asked)
+        for _ in range(_GROSS_ERROR_ROUNDS):
+            more = _gross_errors(found)
+            if not more.size:
+                break
+            progress("leaving out rows that fit nothing", 0, 0)
+            again = work.searched(work.asked(np.union1d(found.asked.left_out, more)), found.hypothesis)
+            # Otherwise what is missing is missing in many rows: none is known to be wrong.
+            if not calm(again.hypothesis.remainder):
+                break
+            found = again
+        if found.diagnoser is asked.diagnoser:
+            return work.judged(found, tuple(flags), where)
+    with forked(lambda: _where(found.diagnoser)) as where:
+        return work.judged(found, tuple(flags), where)
+
+
+def _where(diagnoser: Diagnoser) -> Where:
+    """Return where the given model and the data disagree."""
+    rows = diagnoser.rows
+    return disagreements(_free_residuals(diagnoser.at_rest(), rows), rows.conditions, diagnoser.asked.false_names)
 
 
 @dataclass(frozen=True, eq=False)
-class _Searched:
-    """What explains a campaign best, with some rows left out, and what that was found with."""
+class _Asked:
+    """A campaign with some rows left out."""
 
     left_out: Indices
     inliers: Indices
     parts: Split | None
     notes: tuple[str, ...]
     diagnoser: Diagnoser
+
+
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    """What explains it best, under the noise that the diagnoser knows."""
+
+    asked: _Asked
+    diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
+
+
+def _gross_errors(found: _Searched) -> Indices:
+    """Return the rows that nothing explains, by index in the campaign."""
+    given, hypothesis = found.diagnoser.rows.conditions, found.hypothesis
+    residuals = hypothesis.remainder, hypothesis.deletion_residual
+    courses, row = (poses(given), given.time_s[:, None]), found.after.fitted_rows.row
+    more = gross_errors(residuals, row, found.diagnoser.fitted, found.asked.left_out.size, courses)
+    return found.asked.inliers[more]
 
 
 @dataclass(frozen=True)
@@ -216,8 +242,8 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def searched(self, wrong: Indices, start: Hypothesis | None = None) -> _Searched:
-        """Search with some rows left out, from what was found with more rows."""
+    def asked(self, wrong: Indices) -> _Asked:
+        """Return the campaign with some rows left out, and those for want of a value that nothing stands for."""
         kept = self.campaign.usable.copy()
         for rows_out in (wrong, *rows_without(self.campaign).values()):
             kept[rows_out] = False
@@ -232,35 +258,32 @@ class _Work:
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
-        self.say("searching for effects", 0, 0)
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
-        thresholds = Thresholds(self.options.false_names)
-        library, at = Library.of(rows, self.effects, self.options.made_within), None
+        library, thresholds = Library.of(rows, self.effects, self.options.made_within), self.options.false_names
+        diagnoser = Diagnoser(rows, library, fitted, Thresholds(thresholds))
+        return _Asked(np.asarray(wrong, dtype=np.intp), inliers, parts, tuple(notes), diagnoser)
+
+    def searched(self, asked: _Asked, start: Hypothesis | None = None) -> _Searched:
+        """Search, from what was found with more rows."""
+        self.say("searching for effects", 0, 0)
+        diagnoser, at = asked.diagnoser, None
         for _ in range(_NOISE_ROUNDS):
-            diagnoser, noise = Diagnoser(rows, library, fitted, thresholds), rows.noise
             after, hypothesis = diagnoser.found(start, at)
+            found, noise = _Searched(asked, diagnoser, after, hypothesis), diagnoser.rows.noise
             better = noise_left(noise, noise.open_kinds, after, hypothesis) if noise.from_residuals else noise
             if better.apart(noise) < _NOISE_SETTLED:
                 break
-            rows, start, at = rows.with_noise(better), hypothesis, after.alone
-        if noise.from_residuals:
-            notes.append(
-                "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
-            )
-            notes += [f"the noise: {noise.least_words}"] if noise.least_words else []
-        left_out = np.asarray(wrong, dtype=np.intp)
-        return _Searched(left_out, inliers, parts, tuple(notes), diagnoser, after, hypothesis)
+            start, at = hypothesis, after.alone
+            diagnoser = replace(diagnoser, rows=diagnoser.rows.with_noise(better))
+        return found
 
-    def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
+    def judged(self, found: _Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:
         """Say what may be said of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
-        diagnoser = found.diagnoser
+        asked, diagnoser = found.asked, found.diagnoser
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
-        free, rate = _free_residuals(before, rows), diagnoser.thresholds.false_names
-        with forked(lambda: disagreements(free, rows.conditions, rate)) as located:
-            judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
-            where = located()
+        judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
@@ -268,17 +291,16 @@ class _Work:
             campaign=self.campaign,
             model=self.model,
             rows=rows,
-            inliers=found.inliers,
-            left_out=found.left_out,
+            inliers=asked.inliers,
+            left_out=asked.left_out,
             flags=flags,
             noise=rows.noise,
             fitted=fitted,
-            held_out_name=found.parts.test_name if found.parts else "",
+            held_out_name=asked.parts.test_name if asked.parts else "",
             diagnoser=diagnoser,
             before=before.alone,
             after=after.alone,
-            free_residuals=free,
-            where=where,
+            where=located(),
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
@@ -287,7 +309,12 @@ class _Work:
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,
             in_turn=in_turn,
-            notes=(*found.notes, *(f"assumed: {line}" for line in given.assumed), *rows.untold),
+            notes=(
+                *asked.notes,
+                *_noise_notes(rows.noise),
+                *(f"assumed: {line}" for line in given.assumed),
+                *rows.untold,
+            ),
             next_count=self.options.next_count,
         )
         # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
@@ -317,9 +344,10 @@ class _Work:
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         in_turn = None
-        if found.parts and judgement.names and not unsettled and few(before.every_row, fitted):
+        parts = found.asked.parts
+        if parts and judgement.names and not unsettled and few(before.every_row, fitted):
             names = frozenset(item.effect for item in hypothesis.items if item.cause)
-            blocks = (*found.parts.folds, found.parts.test)
+            blocks = (*parts.folds, parts.test)
             in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
         if in_turn:
             judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
@@ -328,6 +356,13 @@ class _Work:
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)
             after, hypothesis = diagnoser.settled(after, hypothesis)
         return judgement, after, hypothesis, in_turn
+
+
+def _noise_notes(noise: NoiseLevel) -> list[str]:
+    if not noise.from_residuals:
+        return []
+    unknown = "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
+    return [unknown, *([f"the noise: {noise.least_words}"] if noise.least_words else [])]
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:

@@ -11,7 +11,6 @@ from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.held_out import InTurn
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.noise import NoiseLevel
@@ -37,7 +36,6 @@ class Findings:
     diagnoser: Diagnoser  # the search
     before: State  # the given model, only its frames fitted
     after: State  # the amended model
-    free_residuals: FreeResiduals  # of the given model, only its frames fitted, of all inliers
     where: Where  # where it and the data disagree
     hypothesis: Hypothesis  # what explains best
     judgement: Judgement  # what may be said of it

@@ -367,7 +367,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
 
 
 def test_free_residuals_are_those_of_the_given_model(hot):
-    data = hot.free_residuals
+    data = _free_residuals(hot.diagnoser.at_rest(), hot.rows)
     np.testing.assert_allclose(data.nuisance.axes.T @ data.nuisance.axes, np.eye(data.nuisance.dof), atol=1e-9)
     # The frames were fitted to the fitted rows; over all rows they absorb little more.
     assert np.linalg.norm(data.cleared) <= np.linalg.norm(data.residual)
@@ -413,12 +413,13 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
 
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
-    assert hot.free_residuals.noise_freedoms == np.inf
+    stated = _free_residuals(hot.diagnoser.at_rest(), hot.rows)
+    assert stated.noise_freedoms == np.inf
     noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", freedoms=30.0)})
     repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
     assert repeated.noise_freedoms == 30.0
     squares, count = 1.4 * 300.0, 300.0
-    assert repeated.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
+    assert repeated.excess(squares, count) > 10.0 * stated.excess(squares, count)
 
 
 def worse(diagnosis):
