@@ -34,7 +34,6 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
-from pouring_robot.robot.description.drive import Drive
 
 FALSE_ALARMS = 1e-3
 """Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""
@@ -210,17 +209,10 @@ def _by_all(drives: FloatArray) -> Iterator[FloatArray]:
 def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:
     """Yield what goes by each drive's own value, (n, D): in proportion, and waves of a turn of joint or motor."""
     yield _in_proportion(drives)
-    turns = np.array([_turn(drive, campaign.metadata.screw_pitch_m) for drive in campaign.robot.drives])
+    turns = np.array([drive.per_turn or campaign.metadata.screw_pitch_m or np.inf for drive in campaign.robot.drives])
     for order in range(1, _ORDERS + 1):
         phase = 2.0 * np.pi * order * drives / turns
         yield from (np.cos(phase) / order, np.sin(phase) / order)
-
-
-def _turn(drive: Drive, screw_pitch_m: float | None) -> float:
-    """Return by how much a drive moves in a turn of its joint or motor, in m or rad; infinite where nobody knows."""
-    if drive.unit == "rad":
-        return 2.0 * np.pi
-    return 2.0 * np.pi * abs(drive.factor) if drive.command == "angle" else screw_pitch_m or np.inf
 
 
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:

@@ -78,9 +78,8 @@ class Scale(Family):
             per, unit = (1e6, "ppm") if Z95 * lead[1] < _FINE else (100.0, "%")
             line = f"{drive.words}: its lead is {_told(per * lead, unit)} off at zero"
             line += f", {_told(per * more, unit)} more a metre"
-            if drive.command == "angle":
-                turn = 2.0 * np.pi * drive.factor / MM
-                a_turn, change = turn * (lead + np.array([1.0, 0.0])), turn * more
+            if turn := drive.per_turn:
+                a_turn, change = turn / MM * (lead + np.array([1.0, 0.0])), turn / MM * more
                 line += f", or {_told(a_turn, 'mm').removeprefix('+')} a turn, {_told(change, 'mm')} a metre of stroke"
             lines.append(f"{line} (95 %)")
         return tuple(lines)
@@ -191,8 +190,7 @@ class Periodic(Family):
     all_main: bool = False  # whether every order makes the effect; if not, higher ones only shape what the first makes
 
     def __post_init__(self) -> None:
-        driven = [d for d in self.drives if self.period == "pitch" and d.command == "angle"]
-        self.stated = {d.joint: 2.0 * np.pi * abs(d.factor) for d in driven}
+        self.stated = {d.joint: abs(d.per_turn) for d in self.drives if self.period == "pitch" and d.per_turn}
         self.of_turn = self.period == "turn"
         if self.of_turn:
             self.driven_by = "angles_rad"

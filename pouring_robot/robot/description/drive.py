@@ -60,6 +60,11 @@ class Drive:
         """Name of the campaign column that says what it carries."""
         return f"force_{self.column}"
 
+    @property
+    def per_turn(self) -> float | None:
+        """What it moves by in a turn of its joint or motor, in m or rad; None where its command says no turns."""
+        return 2.0 * math.pi if self.unit == "rad" else 2.0 * math.pi * self.factor if self.command == "angle" else None
+
     def value(self, command: FloatArray) -> FloatArray:
         """Return the joint's value for commands, in m or rad; same shape."""
         return np.asarray(command * self.factor + self.zero)
