@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import quantile_test
 from statsmodels.stats.proportion import proportion_confint
 
+from pouring_robot.estimation.intervals import Z95
 from tests.diagnosis.trial import STRONG, Trial
 from tests.rig import LIBRARY
 
@@ -141,7 +142,7 @@ def figures(trials: Sequence[Trial]) -> list[Figure]:
         median("held-out after / floor, median", [t.gap[1] / t.gap[2] for t in gaps], 1.1, 1.03, up=False),
         median("  of the rotation", [t.turn_gap[1] / t.turn_gap[2] for t in gaps], up=False),
         _rate("null: held-out worse than before by 0.1 %", len(worse), len(by["null"]), 0.0, 0.0, up=False),
-        _rate("95 % intervals cover", sum(abs(e.z) < 1.96 for e in estimates), len(estimates), 0.90, 0.95, most=0.98),
+        _rate("95 % intervals cover", sum(abs(e.z) < Z95 for e in estimates), len(estimates), 0.90, 0.95, most=0.98),
         median("seconds for 200 rows, median", _seconds(trials), 20.0, 5.0, up=False),
         _slowest(_seconds(trials)),
     ]
@@ -186,7 +187,7 @@ def coverage(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
             for e in t.estimates:
                 found[e.effect, e.parameter].append(e.z)
     return [
-        (effect, name, f"{sum(abs(z) < 1.96 for z in zs)} of {len(zs)}", f"{np.sqrt(np.mean(np.square(zs))):.2f}")
+        (effect, name, f"{sum(abs(z) < Z95 for z in zs)} of {len(zs)}", f"{np.sqrt(np.mean(np.square(zs))):.2f}")
         for (effect, name), zs in sorted(found.items())
     ]
 
