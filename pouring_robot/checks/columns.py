@@ -9,6 +9,8 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.instruments import instruments_of
+from pouring_robot.estimation.noise import noise_key, stated_sigma
 from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
@@ -236,14 +238,8 @@ def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
-    seen, stated = campaign.position_measured.any(), campaign.metadata
-    wanted = (
-        ("sigma_position_mm", seen, stated.sigma_position_m),
-        ("sigma_rotation_rad", campaign.full_pose, stated.sigma_rotation_rad),
-        ("sigma_distance_mm", campaign.distance_m is not None, stated.sigma_distance_m),
-        ("sigma_closure_mm", campaign.redundant_drives, stated.sigma_closure_m),
-    )
-    missing = [key for key, measured, given in wanted if measured and not given]
+    measured = (instrument.kind for instrument in instruments_of(campaign) if instrument.known.any())
+    missing = [noise_key(kind) for kind in measured if stated_sigma(campaign.metadata, kind) is None]
     if missing:
         message = f"the YAML file states no noise level: metrology.{' and '.join(missing)}"
         yield found(campaign, FlagCode.NO_NOISE_LEVEL, message)

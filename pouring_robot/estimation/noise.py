@@ -9,6 +9,7 @@ that is too large to pass for noise, :func:`largest_noise` says.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import instruments_of
 from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
@@ -110,7 +112,7 @@ class NoiseLevel:
         exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
         if not exact:
             return ""
-        keys = ", ".join(f"sigma_{kind}_{unit_of(kind)[0]}" for kind in exact)
+        keys = ", ".join(map(noise_key, exact))
         least = f"{LEAST_NOISE / MM:g} mm or mrad"
         return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
 
@@ -170,15 +172,26 @@ class NoiseLevel:
         return bool(self.open_kinds)
 
 
+def noise_key(kind: Kind) -> str:
+    """Return under which key of ``metrology`` a campaign's YAML states the noise of a kind."""
+    return f"sigma_{kind}_{unit_of(kind)[0]}"
+
+
+def stated_sigma(facts: CampaignMetadata, kind: Kind) -> float | None:
+    """Return the noise that a campaign states of a kind, in m or rad; None where it states none."""
+    sigma: float | None = getattr(facts, f"sigma_{kind}_{'rad' if kind == 'rotation' else 'm'}")
+    return sigma
+
+
 def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
     """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
-    facts, measured = campaign.metadata, instruments_of(campaign)
+    measured = instruments_of(campaign)
     places, turns = measured[:2]
-    stated = (facts.sigma_position_m, facts.sigma_rotation_rad, facts.sigma_distance_m, facts.sigma_closure_m)
     shown = repeat_noise(PoseStack(places.position_m, turns.rotation), repeats(campaign, rows))
     there = {instrument.kind for instrument in measured if instrument.known.any()}
     found: dict[Kind, Noise] = {}
-    for kind, given, seen in zip(KINDS, stated, (*shown, None, None), strict=True):
+    for kind, seen in itertools.zip_longest(KINDS, shown):
+        given = stated_sigma(campaign.metadata, kind)
         noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
         found[kind] = noise if kind in there else Noise(noise.sigma)
     return NoiseLevel(found)
