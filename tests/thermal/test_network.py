@@ -10,9 +10,14 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, Temperatur
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian, steady_temperatures
+from pouring_robot.thermal.network.circuit import (
+    Circuit,
+    chain_links,
+    laplacian,
+    radiation_conductances,
+    steady_temperatures,
+)
 from pouring_robot.thermal.network.elements import BarCells, _seen_around, link_boxes, merged
-from pouring_robot.thermal.network.parts import radiation_conductances
 from pouring_robot.thermal.network.view_factors import DiscChords
 from tests.support import random_poses, unbalanced
 

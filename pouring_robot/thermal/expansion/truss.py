@@ -26,10 +26,15 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, integrate, laplacian, steady_temperatures
+from pouring_robot.thermal.network.circuit import (
+    Circuit,
+    integrate,
+    laplacian,
+    radiation_conductances,
+    steady_temperatures,
+)
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.parts import radiation_conductances
 
 GIRDER_CELLS, TROLLEY_CELLS = 36, 6
 _MELT_POINTS = 100

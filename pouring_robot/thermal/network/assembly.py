@@ -23,10 +23,16 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.network.circuit import SOLVER, Circuit, integrate, steady_temperatures
+from pouring_robot.thermal.network.circuit import (
+    SOLVER,
+    Circuit,
+    integrate,
+    radiation_conductances,
+    steady_temperatures,
+)
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
-from pouring_robot.thermal.network.parts import Bodies, TemperatureField, radiation_conductances
+from pouring_robot.thermal.network.parts import Bodies, TemperatureField
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
+from scipy.constants import Stefan_Boltzmann
 from scipy.integrate import solve_ivp
 
 from pouring_robot.exceptions import ThermalSolutionError
@@ -75,17 +76,16 @@ class Circuit:
     def _sparse(self) -> scipy.sparse.csc_array:
         return scipy.sparse.csc_array(self.laplacian)
 
+    def _flows(self, t: FloatArray, melt_K: float, ambient_K: float) -> tuple[FloatArray, ...]:
+        """Return what comes into nodes, (n,) each, in W: by contact with the melt, by films, by radiation of both."""
+        radiation = self.melt_radiation * (melt_K**4 - t**4), self.ambient_radiation * (ambient_K**4 - t**4)
+        return self.melt_contact * (melt_K - t), self.film * (ambient_K - t), *radiation
+
     def heat(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> FloatArray:
         """Return the heat flow into every node, shape (n,), in W."""
         t = temperatures_K
-        return np.asarray(
-            self.melt_contact * (melt_K - t)
-            + self.film * (ambient_K - t)
-            + self.melt_radiation * (melt_K**4 - t**4)
-            + self.ambient_radiation * (ambient_K**4 - t**4)
-            - self._sparse @ t
-            - (0.0 if self.radiating is None else self.radiating @ t**4)
-        )
+        between = 0.0 if self.radiating is None else self.radiating @ t**4
+        return np.asarray(sum(self._flows(t, melt_K, ambient_K)) - self._sparse @ t - between)
 
     def jacobian(self, temperatures_K: FloatArray) -> scipy.sparse.csc_array:
         """Return d heat / d temperature, shape (n, n), in W/K; sparse; without ``radiating`` symmetric and definite.
@@ -102,10 +102,8 @@ class Circuit:
 
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
         """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
-        t = temperatures_K
-        from_melt = self.melt_contact @ (melt_K - t), self.melt_radiation @ (melt_K**4 - t**4)
-        to_ambient = self.film @ (t - ambient_K), self.ambient_radiation @ (t**4 - ambient_K**4)
-        return EnergyBalance(*map(float, (*from_melt, *to_ambient)))
+        contact, film, melt, ambient = (float(flow.sum()) for flow in self._flows(temperatures_K, melt_K, ambient_K))
+        return EnergyBalance(contact, melt, -film, -ambient)
 
 
 def chain_links(nodes: Indices, conductance: float) -> list[tuple[int, int, float]]:
@@ -120,6 +118,20 @@ def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray
         matrix[[first, second], [first, second]] += conductance
         matrix[[first, second], [second, first]] -= conductance
     return matrix
+
+
+def radiation_conductances(
+    area_m2: FloatArray, view_area_m2: FloatArray, emissivity: FloatArray | float, melt_emissivity: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how strongly surfaces of area and area times view factor, (n,), radiate with melt and surroundings.
+
+    Surfaces are grey and diffuse; the view factors are small enough to leave out what is reflected to and fro. The
+    melt's surface takes and gives the share ``melt_emissivity`` of what it meets and reflects the surroundings with
+    the rest, so that in surroundings as hot as the melt nothing flows. Shape (n,) each, in W/K⁴.
+    """
+    seen = melt_emissivity * view_area_m2
+    scale = emissivity * Stefan_Boltzmann
+    return scale * seen, scale * (area_m2 - seen)
 
 
 @one_blas_thread()

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
@@ -13,7 +12,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, chain_links, laplacian
+from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, chain_links, laplacian, radiation_conductances
 from pouring_robot.thermal.network.elements import (
     FACE_NORMALS,
     BarCells,
@@ -171,20 +170,6 @@ class Bodies:
         return capacity
 
 
-def radiation_conductances(
-    area_m2: FloatArray, view_area_m2: FloatArray, emissivity: FloatArray | float, melt_emissivity: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return how strongly surfaces of area and area times view factor, (n,), radiate with melt and surroundings.
-
-    Surfaces are grey and diffuse; the view factors are small enough to leave out what is reflected to and fro. The
-    melt's surface takes and gives the share ``melt_emissivity`` of what it meets and reflects the surroundings with
-    the rest, so that in surroundings as hot as the melt nothing flows. Shape (n,) each, in W/K⁴.
-    """
-    seen = melt_emissivity * view_area_m2
-    scale = emissivity * Stefan_Boltzmann
-    return scale * seen, scale * (area_m2 - seen)
-
-
 @dataclass(frozen=True, eq=False)
 class TemperatureField:
     """Temperatures at a pose, in K inside and °C by property. Leg arrays run over legs 1 to 4."""
@@ -266,10 +251,11 @@ class TemperatureField:
         """
         grid, steel = self.bodies.grid, self.properties.steel
         radiates = bool(self.circuit.ambient_radiation.any())
-        scale = steel.emissivity.value * Stefan_Boltzmann if radiates else 0.0
+        one, emissivity = np.ones(()), steel.emissivity.value if radiates else 0.0
+        to_melt, to_ambient = radiation_conductances(one, one, emissivity, self.properties.melt.emissivity.value)
         temperatures = self.temperatures_K[self.bodies.nodes.legs]
-        loss = self.properties.ambient.film_coefficient.value + 4.0 * scale * temperatures**3
-        source = scale * self.properties.melt.emissivity.value * (self.melt_K**4 - self.ambient_K**4)
+        loss = self.properties.ambient.film_coefficient.value + 4.0 * (to_melt + to_ambient) * temperatures**3
+        source = to_melt * (self.melt_K**4 - self.ambient_K**4)
         # An element half inside the housing takes half the flux.
         flux = source * self.exposure.area_m2 / (2.0 * np.pi * grid.outer_m * grid.step_m)
         per_harmonic = gradient_across_tube(flux, steel.conductivity.value, loss, grid.outer_m, grid.inner_m)
