@@ -9,7 +9,7 @@ from .network.assembly import simulate as simulate
 from .network.history import HeatHistory as HeatHistory
 from .network.history import PoseSchedule as PoseSchedule
 from .network.history import read_shift as read_shift
-from .network.parts import TemperatureField as TemperatureField
+from .network.temperature_field import TemperatureField as TemperatureField
 from .report import PoseHeat as PoseHeat
 from .report import ShiftHeat as ShiftHeat
 from .report import heated_drawing as heated_drawing

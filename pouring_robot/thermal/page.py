@@ -11,7 +11,7 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, own_look, svg_of, tidy
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
-from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")

@@ -25,7 +25,7 @@ from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpans
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
-from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 
 def part_figures(

@@ -25,7 +25,7 @@ from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import SOLVER
-from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 

@@ -15,7 +15,7 @@ from pouring_robot.robot.pouring.thermal_properties import load_thermal_properti
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.warm_pouring_robot import WarmRobot
-from pouring_robot.thermal.network.parts import gradient_across_tube
+from pouring_robot.thermal.network.temperature_field import gradient_across_tube
 from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))

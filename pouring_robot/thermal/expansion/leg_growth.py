@@ -26,7 +26,7 @@ from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
-from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 
 def growth_of_drives(strain: FloatArray, drives: Sequence[str]) -> FloatArray:

@@ -42,7 +42,7 @@ from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperature
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.circuit import SOLVER
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 if TYPE_CHECKING:
     import xarray as xr

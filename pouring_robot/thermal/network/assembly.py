@@ -23,6 +23,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.thermal.network.bodies import Bodies
 from pouring_robot.thermal.network.circuit import (
     SOLVER,
     Circuit,
@@ -32,7 +33,7 @@ from pouring_robot.thermal.network.circuit import (
 )
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
-from pouring_robot.thermal.network.parts import Bodies, TemperatureField
+from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32

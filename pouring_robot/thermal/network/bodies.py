@@ -1,4 +1,4 @@
-"""Which node is what, the parts of the network that no pose changes, and the temperatures found, by part."""
+"""The bodies of the robot as nodes of the network: which node is what, and what of them no pose changes."""
 
 import itertools
 from dataclasses import dataclass
@@ -7,21 +7,12 @@ from typing import Self
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, chain_links, laplacian, radiation_conductances
-from pouring_robot.thermal.network.elements import (
-    FACE_NORMALS,
-    BarCells,
-    LadleSections,
-    LegExposure,
-    LegGrid,
-    link_boxes,
-    merged,
-)
+from pouring_robot.thermal.network.circuit import chain_links, laplacian
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, LegGrid, link_boxes, merged
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 LINING_LAYERS = 5
@@ -168,122 +159,3 @@ class Bodies:
         capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * self.lining_m / LINING_LAYERS
         capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
         return capacity
-
-
-@dataclass(frozen=True, eq=False)
-class TemperatureField:
-    """Temperatures at a pose, in K inside and °C by property. Leg arrays run over legs 1 to 4."""
-
-    temperatures_K: FloatArray  # of every node, shape (n,)
-    melt_K: float
-    ambient_K: float
-    bodies: Bodies  # which node is what, elements, materials
-    circuit: Circuit  # the network at this pose
-    exposure: LegExposure  # where the leg elements are and what they see
-    rotation_fixed_platform_to_disc: FloatArray  # shape (3, 3); the disc's axes are the moving platform's
-
-    @property
-    def properties(self) -> ThermalProperties:
-        """Of the materials, as used."""
-        return self.bodies.properties
-
-    @property
-    def degC(self) -> FloatArray:
-        """Every node, shape (n,)."""
-        return np.asarray(self.temperatures_K - ZERO_CELSIUS_K)
-
-    @property
-    def leg_elements_degC(self) -> FloatArray:
-        """Every element of the legs, shape (4, N + F): moving rod from the lower joint upwards, then fixed rod."""
-        return self.degC[self.bodies.nodes.legs]
-
-    @property
-    def between_joints(self) -> FloatArray:
-        """How many metres of the way from joint to joint run through each element, shape (4, N + F)."""
-        return self.bodies.grid.path_weights_m(self.exposure.lengths_m)
-
-    @property
-    def leg_degC(self) -> FloatArray:
-        """Mean over the way from upper to lower U-joint centre, shape (4,): the one that lengthens the leg."""
-        return np.average(self.leg_elements_degC, axis=1, weights=self.between_joints)
-
-    @property
-    def platform_degC(self) -> float:
-        """Mean of the moving platform's steel, by volume."""
-        return float(np.average(self.platform_elements_degC, weights=self.bodies.moving.volume_m3))
-
-    @property
-    def platform_elements_degC(self) -> FloatArray:
-        """Steel of the moving platform's cells, shape (P,)."""
-        return self.degC[self.bodies.nodes.moving_platform]
-
-    @property
-    def cladding_degC(self) -> FloatArray:
-        """Surface of the moving platform's cladding, shape (C,)."""
-        return self.degC[self.bodies.nodes.cladding]
-
-    @property
-    def fixed_platform_degC(self) -> float:
-        """Mean of the fixed platform, by volume."""
-        return float(np.average(self.fixed_platform_elements_degC, weights=self.bodies.fixed.volume_m3))
-
-    @property
-    def fixed_platform_elements_degC(self) -> FloatArray:
-        """Cells of the fixed platform, shape (Q,)."""
-        return self.degC[self.bodies.nodes.fixed_platform]
-
-    @property
-    def shell_degC(self) -> float:
-        """The ladle's steel shell."""
-        return float(self.degC[self.bodies.nodes.shell])
-
-    @property
-    def balance(self) -> EnergyBalance:
-        """Heat flows of the whole network, in W."""
-        return self.circuit.balance(self.temperatures_K, self.melt_K, self.ambient_K)
-
-    @property
-    def gradient_K_per_m(self) -> FloatArray:
-        """Gradient across each leg element, towards its hot side, in the fixed platform; shape (4, N + F, 3).
-
-        The melt heats one side; see :func:`gradient_across_tube`. It settles within minutes and is taken as steady in
-        a transient too.
-        """
-        grid, steel = self.bodies.grid, self.properties.steel
-        radiates = bool(self.circuit.ambient_radiation.any())
-        one, emissivity = np.ones(()), steel.emissivity.value if radiates else 0.0
-        to_melt, to_ambient = radiation_conductances(one, one, emissivity, self.properties.melt.emissivity.value)
-        temperatures = self.temperatures_K[self.bodies.nodes.legs]
-        loss = self.properties.ambient.film_coefficient.value + 4.0 * (to_melt + to_ambient) * temperatures**3
-        source = to_melt * (self.melt_K**4 - self.ambient_K**4)
-        # An element half inside the housing takes half the flux.
-        flux = source * self.exposure.area_m2 / (2.0 * np.pi * grid.outer_m * grid.step_m)
-        per_harmonic = gradient_across_tube(flux, steel.conductivity.value, loss, grid.outer_m, grid.inner_m)
-        return np.asarray(
-            per_harmonic[..., None] * self.exposure.first_harmonic @ self.rotation_fixed_platform_to_disc.T
-        )
-
-    @property
-    def leg_directions(self) -> FloatArray:
-        """Unit vectors from upper to lower U-joint centre, in the fixed platform, shape (4, 3)."""
-        return np.asarray(self.exposure.down @ self.rotation_fixed_platform_to_disc.T)
-
-    @property
-    def leg_difference_K(self) -> FloatArray:
-        """Largest temperature difference from one side of a leg to the other, shape (4,): gradient times diameter."""
-        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * 2.0 * self.bodies.grid.outer_m
-        return np.asarray((across * (self.between_joints > 0.0)).max(axis=1))
-
-
-def gradient_across_tube(
-    flux_W_per_m2: FloatArray, conductivity: float, loss: FloatArray, outer_m: FloatArray, inner_m: FloatArray
-) -> FloatArray:
-    """Return the gradient that bends a tube which absorbs a flux q cos θ on its outside, in K/m.
-
-    With nothing lost inside, the temperature is (a ρ + b/ρ) cos θ, b = a r², and a follows from q = k a (1 - r²/R²) + h
-    a (R + r²/R). What bends a beam is the first moment of that over its section, a (1 + 2 r²/(R² + r²)). Conductivity
-    is k, in W/mK, the loss h film and linearised re-radiation, in W/m²K, the radii R and r, zero for a solid rod.
-    """
-    hollow = (inner_m / outer_m) ** 2
-    slope = flux_W_per_m2 / (conductivity * (1.0 - hollow) + loss * outer_m * (1.0 + hollow))
-    return np.asarray(slope * (1.0 + 2.0 * hollow / (1.0 + hollow)))
