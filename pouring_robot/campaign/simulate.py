@@ -14,6 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.io import tracker
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
@@ -42,8 +43,8 @@ class MeasurementOptions:
         seed: of everything random.
     """
 
-    sigma_position_m: float = 5e-5
-    sigma_rotation_rad: float | None = 5e-5
+    sigma_position_m: float = tracker.SIGMA
+    sigma_rotation_rad: float | None = tracker.SIGMA
     outliers: int = 0
     outlier_m: float = 5e-3
     lost: float = 0.0

@@ -9,6 +9,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import Pair, Point, opt, reads, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
+from pouring_robot.io.tracker import SIGMA_MM, SIGMA_MRAD
 
 _COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -30,8 +31,8 @@ def plan(
     ] = None,
     criterion: Annotated[str, opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
     which: bundles.Which,
-    sigma_mm: Annotated[float, opt("Noise of a measured coordinate.")] = 0.05,
-    sigma_mrad: Annotated[float | None, opt("Noise of a rotation component (default: 0.05).")] = None,
+    sigma_mm: Annotated[float, opt("Noise of a measured coordinate.")] = SIGMA_MM,
+    sigma_mrad: Annotated[float | None, opt(f"Noise of a rotation component (default: {SIGMA_MRAD}).")] = None,
     position_only: Annotated[bool, opt("No rotations will be measured.", "--position-only")] = False,
     target_mm: Annotated[Point, opt("About where the target sits on the moving platform.", metavar="X Y Z")] = _ORIGIN,
     priors: Annotated[bool, opt("Tolerances count as known beforehand.", "--priors")] = False,
@@ -62,7 +63,7 @@ def plan(
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
     if position_only and sigma_mrad is not None:
         raise BadInputError("give --sigma-mrad or --position-only, not both: without rotations they have no noise")
-    sigma_rad = None if position_only else 1e-3 * (0.05 if sigma_mrad is None else sigma_mrad)
+    sigma_rad = None if position_only else 1e-3 * (SIGMA_MRAD if sigma_mrad is None else sigma_mrad)
     present = which.built()
     request = PlanRequest(
         poses=poses,
@@ -205,8 +206,8 @@ def simulate(
     seed: Annotated[int, opt("Seed of everything random.", min=0)] = 0,
     which: bundles.Which,
     under: bundles.Under,
-    noise_mm: Annotated[float, opt("Noise of a coordinate.")] = 0.05,
-    noise_mrad: Annotated[float | None, opt("Noise of a rotation component (default: 0.05).")] = None,
+    noise_mm: Annotated[float, opt("Noise of a coordinate.")] = SIGMA_MM,
+    noise_mrad: Annotated[float | None, opt(f"Noise of a rotation component (default: {SIGMA_MRAD}).")] = None,
     position_only: Annotated[bool, opt("Measure no rotations.", "--position-only")] = False,
     outliers: Annotated[int, opt("Rows with a gross error.", metavar="N", min=0)] = 0,
     outlier_mm: Annotated[float, opt("Size of a gross error.")] = 5.0,
@@ -230,10 +231,9 @@ def simulate(
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     standing = under.of(present, poses.given(present.model.definition))
     robots = None if standing is None else standing.robots(poses.drives)
-    sigma_rotation = MeasurementOptions.sigma_rotation_rad if noise_mrad is None else noise_mrad * 1e-3
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
-        sigma_rotation_rad=None if position_only else sigma_rotation,
+        sigma_rotation_rad=None if position_only else 1e-3 * (SIGMA_MRAD if noise_mrad is None else noise_mrad),
         outliers=outliers,
         outlier_m=outlier_mm * 1e-3,
         lost=lost,

@@ -18,6 +18,7 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io import tracker
 from pouring_robot.io.given import as_tuple, expect, whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import MM, MRAD, shown_in
@@ -39,7 +40,7 @@ _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
 }
 _MOST_POSES = 500
 _HOTTEST_DEGC = 800.0
-_TRACKER = NoiseLevel.stated(5e-5, 5e-5)
+_TRACKER = NoiseLevel.stated(tracker.SIGMA, tracker.SIGMA)
 
 
 @dataclass(frozen=True)
