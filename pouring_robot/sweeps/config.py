@@ -15,11 +15,12 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 Grouping = Literal["parameter", "part", "entry"]
 
-_SIZES: dict[str, tuple[str, ...]] = {
+SIZES: dict[str, tuple[str, ...]] = {
     "uniform": ("half_width",),
     "normal": ("std",),
     "truncated_normal": ("std", "limit"),
 }
+"""Sizes that a distribution needs, first how wide it is, which it needs in the unit of every parameter."""
 _MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
@@ -49,13 +50,13 @@ class ErrorEntry(StrictModel):
     @pydantic.field_validator("distribution", mode="before")
     @classmethod
     def _suggest(cls, value: Any) -> Any:
-        if not isinstance(value, str) or value not in _SIZES:
-            raise ValueError(f"unknown distribution{closest(str(value), _SIZES)}")
+        if not isinstance(value, str) or value not in SIZES:
+            raise ValueError(f"unknown distribution{closest(str(value), SIZES)}")
         return value
 
     @pydantic.model_validator(mode="after")
     def _sizes_fit(self) -> Self:
-        wanted = _SIZES[self.distribution]
+        wanted = SIZES[self.distribution]
         for size in ("half_width", "std", "limit"):
             for unit in ("mm", "mrad"):
                 if size not in wanted and getattr(self, f"{size}_{unit}") is not None:

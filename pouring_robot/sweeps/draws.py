@@ -29,7 +29,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances, kind_of
-from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
+from pouring_robot.sweeps.config import SIZES, ErrorEntry, SweepConfig
 
 BLOCK = 256
 NORMAL_TOLERANCE_SIGMAS = 3.0
@@ -80,7 +80,7 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
             found = {p.name: p for pattern in entry.parameters for p in catalogue.match(pattern)}
         except BadInputError as error:
             raise config.problem(str(error), number) from error
-        size = "half_width" if entry.distribution == "uniform" else "std"
+        size = SIZES[entry.distribution][0]
         for name, p in found.items():
             if name in chosen:
                 raise config.problem(f"'{name}' is given twice: here and in errors.{chosen[name].entry}", number)
