@@ -1,7 +1,7 @@
 """``campaign.yaml``: what holds for a whole campaign, in its own units and in SI units; writing both files of one."""
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from pydantic import Field
 
-from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
+from pouring_robot.campaign.columns import MEASURED
 from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
@@ -205,10 +205,11 @@ def campaign_files(
     :func:`check_table_name`.
     """
     check_table_name(path)
-    cells: dict[str, list[str]] = {}
+    cells, labels = dict[str, list[str]](), set[str]()
     for column, values in columns:
         if column.kind == "label":
             cells |= {column.name: [str(value) for value in values]} if any(values) else {}
+            labels.add(column.name)
             continue
         millimetres = column.kind == "length" and (column.required or column.name in MEASURED)
         digits = _DIGITS[column.kind]
@@ -216,15 +217,14 @@ def campaign_files(
         heading = f"{column.name}_mm" if millimetres else column.canonical
         cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
     parquet = path.suffix.lower() in PARQUET_SUFFIXES
-    table = _parquet(cells) if parquet else csv_text(cells, zip(*cells.values(), strict=True)).encode()
+    table = _parquet(cells, labels) if parquet else csv_text(cells, zip(*cells.values(), strict=True)).encode()
     return {path: table, path.with_suffix(".yaml"): metadata_text(metadata).encode()}
 
 
-def _parquet(cells: Mapping[str, list[str]]) -> bytes:
+def _parquet(cells: Mapping[str, list[str]], labels: Collection[str]) -> bytes:
     import pyarrow
     import pyarrow.parquet
 
-    labels = ("sample", "session", DISTANCE_FROM)
     content = {
         heading: column if heading in labels else [float(cell) if cell else None for cell in column]
         for heading, column in cells.items()

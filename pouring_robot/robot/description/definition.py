@@ -38,7 +38,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drawing import Drawing, agreed
 from pouring_robot.robot.description.drive import Drive
-from pouring_robot.robot.description.robot_file import AMBIENT, MEASURED, RobotFile
+from pouring_robot.robot.description.robot_file import AMBIENT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import (
     carriers,
     check_sound,
@@ -259,7 +259,7 @@ class RobotDefinition:
     @property
     def condition_columns(self) -> tuple[Quantity, ...]:
         """What may be known of a pose besides drives and measurement; every one is optional."""
-        taken = {*(drive.column for drive in self.drives), *MEASURED, "time", "payload", *self.travels, AMBIENT}
+        taken = {*(drive.column for drive in self.drives), *self.travels, *TAKEN}
         parts = (name for name in self.thermometers if name not in taken)
         return (
             Quantity("session", "label"),
