@@ -15,10 +15,10 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
-from pouring_robot.diagnosis.held_out import InTurn, few, held_out, held_out_in_turn
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
@@ -32,8 +32,8 @@ from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import are, component_name, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import NoiseLevel, largest_noise, noise_beforehand
-from pouring_robot.estimation.splits import HoldOut, Split
-from pouring_robot.exceptions import BadInputError, CampaignError
+from pouring_robot.estimation.splits import HoldOut, Split, split
+from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.gross_errors import calm, gross_errors
@@ -254,7 +254,7 @@ class _Work:
                 f"only {inliers.size} rows can be used and {_FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
-        parts, notes = held_out(campaign, self.options.hold_out)
+        parts, notes = _held_out(campaign, self.options.hold_out)
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
@@ -363,6 +363,16 @@ def _noise_notes(noise: NoiseLevel) -> list[str]:
         return []
     unknown = "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
     return [unknown, *([f"the noise: {noise.least_words}"] if noise.least_words else [])]
+
+
+def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
+    """Return which rows are held out, None where they are too few for that, and what is to be noted."""
+    try:
+        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
+    except CalibrationError as problem:
+        if kind != "auto":
+            raise
+        return None, [f"no rows are held out: {problem.problem}"]
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
+from pouring_robot.diagnosis.cross_validation import InTurn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.held_out import InTurn
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.where.where import Where

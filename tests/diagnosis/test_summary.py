@@ -14,10 +14,10 @@ from pouring_robot.checks.flags import FlagCode, found
 from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.cross_validation import InTurn
 from pouring_robot.diagnosis.diagnose import _free_residuals, _unsettled, diagnose
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.held_out import InTurn
 from pouring_robot.diagnosis.named_effects import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.notes import note_lines

@@ -9,8 +9,8 @@ from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.cross_validation import FEWEST_VALUES
 from pouring_robot.diagnosis.gap import Gap, share_closed
-from pouring_robot.diagnosis.held_out import FEWEST_VALUES
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE

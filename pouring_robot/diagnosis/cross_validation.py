@@ -1,4 +1,4 @@
-r"""Rows that take no part in a diagnosis: which block is held out, and every block held out in turn.
+r"""Cross-validation of a diagnosis: every block held out in turn, foretold by what the others name.
 
 Blocks are those of :mod:`pouring_robot.estimation.splits`. The root mean square of m values is known to its
 :math:`1/\sqrt{2m}`: a single block of few rows tells little. Held out in turn, each is foretold by all others, searched
@@ -15,12 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import WhitenedRows
-from pouring_robot.estimation.splits import HoldOut, Split, foretold, split
-from pouring_robot.exceptions import CalibrationError
+from pouring_robot.estimation.splits import foretold
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.search import search
@@ -31,16 +29,6 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 _FEWEST_BLOCKS = 2
 FEWEST_VALUES = 50
 """Held-out values from which on one block tells its error to a tenth, and is enough."""
-
-
-def held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
-    """Return which rows are held out, None where they are too few for that, and what is to be noted."""
-    try:
-        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
-    except CalibrationError as problem:
-        if kind != "auto":
-            raise
-        return None, [f"no rows are held out: {problem.problem}"]
 
 
 @dataclass(frozen=True, eq=False)

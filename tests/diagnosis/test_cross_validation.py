@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pouring_robot.diagnosis.held_out import few, held_out_in_turn
+from pouring_robot.diagnosis.cross_validation import few, held_out_in_turn
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
