@@ -25,7 +25,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure
-from pouring_robot.compensation.pose import LOCKED, TOLERANCE, least_commanded, tilt_rates
+from pouring_robot.compensation.pose import LOCKED, least_commanded, tilt_rates
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -36,7 +36,7 @@ from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
-from pouring_robot.robot.inverse import limited
+from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
@@ -135,7 +135,7 @@ class PathSearch:
         left = before = self._left(closed)
         for _ in range(_MOST_STEPS):
             size = np.abs(left).max(axis=1)
-            going = closed.closed & (size > TOLERANCE) & ~((size < 100.0 * TOLERANCE) & (size > 0.5 * best))
+            going = closed.closed & ~settled(size, best)
             if not going.any():
                 break
             best = np.minimum(best, np.where(np.isfinite(size), size, np.inf))
@@ -145,7 +145,7 @@ class PathSearch:
             closed = self.warm.close(drives, start)
             left = self._left(closed)
         with np.errstate(invalid="ignore"):
-            met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE
+            met = np.abs(left).max(axis=1) < REACHED
             driven = dict(zip(self.kinematics.mechanism.loops.drives, drives.T, strict=True))
             within = self.kinematics.in_reach(closed.as_start()) & within_limits(self.kinematics.mechanism, driven)
         reached = closed.closed & met

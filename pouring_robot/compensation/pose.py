@@ -30,7 +30,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
-from pouring_robot.robot.inverse import REACHED, Target, limited, longest_steps
+from pouring_robot.robot.inverse import REACHED, Target, limited, longest_steps, settled
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
@@ -42,8 +42,6 @@ from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 # Drives and commands have 12 decimals so that a reader gets back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
-TOLERANCE = 1e-11
-"""The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
 LOCKED = 1e-9
 """Where :func:`least_commanded` is no more, no drives move the frame along some direction."""
 _MOST_STEPS = 25
@@ -150,8 +148,7 @@ class _Search:
             way.append(result)
             left = self.left(result)
             size = float(np.abs(left).max())
-            # Round-off may end the way a little earlier; what was reached is then reported as it is.
-            if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
+            if settled(size, best):
                 return way
             best = min(best, size)
             step = limited(self._step(warm, result, left), result.mechanism)

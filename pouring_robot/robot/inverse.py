@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from pouring_robot.batch.samples import BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
-from pouring_robot.mechanism.arrays import FloatArray, finite
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
@@ -22,9 +22,9 @@ from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.drawing import Drawing
 
-REACHED = 1e-9
-"""A target is met when place and attitude are this near, in m and rad."""
-_SETTLED, _MOST_STEPS = 1e-11, 60
+REACHED, _SETTLED = 1e-9, 1e-11
+"""A target is met when place and attitude are this near, in m and rad; Newton goes on to a hundredth of that."""
+_MOST_STEPS = 60
 _MOST_TRIES = 12
 _SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
 _ROUNDED = 1e-6  # how far from orthonormal the axes of a rotation are that was written or added up
@@ -174,13 +174,20 @@ def bring(
         if mechanism.loops.redundant_drives:
             step = _agreeing(step, matrix, *disagreement(solver, result, parameters))
         size = float(np.abs(step).max())
-        # Round-off may end the way a little earlier.
-        if settled := size < _SETTLED or (size < 100.0 * _SETTLED and size > 0.5 * before):
+        if done := bool(settled(size, before)):
             break
         before = size
         drives = drives + limited(step, mechanism)
         start = result.configuration
-    return Reached(drives, result, left, found, settled)
+    return Reached(drives, result, left, found, done)
+
+
+def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
+    """Return whether Newton ends with what is left or stepped, in m or rad, after so much before it, any shape.
+
+    Round-off may end the way a little earlier; what was reached is then reported as it is.
+    """
+    return np.asarray((size < _SETTLED) | ((size < REACHED) & (size > 0.5 * before)))
 
 
 def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
