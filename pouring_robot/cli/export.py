@@ -29,7 +29,7 @@ def export(
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
     from pouring_robot.io.units import MM, MRAD
     from pouring_robot.mechanism.arrays import rms
-    from pouring_robot.robot.export.closed import ClosedRobot
+    from pouring_robot.robot.export.closed_robot import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
     from pouring_robot.robot.pouring.layout import load_layout, stale_mesh_note

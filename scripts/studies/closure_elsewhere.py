@@ -34,7 +34,7 @@ def write(folder: Path) -> None:
     from pouring_robot.mechanism.closure.energy import Loads
     from pouring_robot.mechanism.closure.solver import ClosureSolver
     from pouring_robot.robot.export.assembly import Assembly
-    from pouring_robot.robot.export.closed import ClosedRobot
+    from pouring_robot.robot.export.closed_robot import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.kinematics import FourUPUKinematics

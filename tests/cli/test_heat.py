@@ -11,7 +11,7 @@ from PIL import Image
 
 from pouring_robot import sweep
 from pouring_robot.report.plots import new_figure
-from pouring_robot.robot.export.closed import configured
+from pouring_robot.robot.export.closed_robot import configured
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot

@@ -314,7 +314,7 @@ def test_offsets_of_another_robots_drives_are_in_their_unit(arm):
 def test_what_is_exported_is_a_robot_again(name, tmp_path):
     """The folder that export writes stands alone: URDF as built, robot file, nothing of the first folder."""
     from pouring_robot.robot.description.urdf import write_urdf
-    from pouring_robot.robot.export.closed import ClosedRobot
+    from pouring_robot.robot.export.closed_robot import ClosedRobot
 
     model = RobotModel.for_robot(ROBOTS / name / "robot.yaml")
     write_urdf(ClosedRobot.of(model).urdf, tmp_path / "out", model.definition.files_beside())

@@ -20,7 +20,7 @@ from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.export.assembly import Assembly
-from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.closed_robot import ClosedRobot
 from pouring_robot.robot.export.folder import FORMATS, exported_files, joined_or_touching
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf

@@ -304,7 +304,7 @@ class Drawing:
         import numpy as np
 
         from pouring_robot.io.units import MM
-        from pouring_robot.robot.export.closed import ClosedRobot
+        from pouring_robot.robot.export.closed_robot import ClosedRobot
 
         tree = ClosedRobot.of(model)
         off = np.linalg.norm(tree.tips_m(row.values for row in rows) - np.asarray(tips_m), axis=1)

@@ -16,7 +16,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.joint_types import EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import joint_axis, limits_said, origin_pose, robot_name
-from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.closed_robot import ClosedRobot
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.pinocchio_model import model_of
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
-from pouring_robot.robot.export.closed import ClosedRobot, configured
+from pouring_robot.robot.export.closed_robot import ClosedRobot, configured
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import VERSION, sdf

@@ -19,7 +19,7 @@ from pouring_robot.mechanism.loops_file import LoopSpec
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
-from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.closed_robot import ClosedRobot
 
 # Of a loop that is left to itself: how fast it closes, in s. And MuJoCo's largest impedance.
 _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
