@@ -13,6 +13,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
+from pouring_robot.mechanism.rotations import moved_point
 
 _FEWEST_REPEATS = 3
 
@@ -158,14 +159,13 @@ def ladle_uncertainty(
     seen = rows.linearise(unknowns)
     closed = seen.closed
     jacobian, rotation = seen.derivatives[closed], seen.closure.rotation[closed]
-    turning = jacobian[:, 3:].copy()
     if not turned:
-        turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
+        jacobian[:, 3:, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
     tool = rows.model.engine.structure.mechanism.T_end_tool
     arm = tool.translation - unknowns.frames.T_end_target.translation
     axes = unknowns.frames.T_tracker_base.rotation
     lever = np.einsum("ij,njk,k->ni", axes, rotation, arm)
-    lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
+    lip = moved_point(jacobian, lever)
     if not located:
         lip[:, :, :FRAMES] = 0.0
         lip = axes.T @ lip

@@ -34,7 +34,7 @@ from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
-from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.rotations import moved_point, rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
@@ -168,8 +168,8 @@ class PathSearch:
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
         """Return what to take from the drives, (n, 4); NaN where they do not command all that is wanted."""
-        moved, arm = self.warm.drives_to_end(closed), closed.rotation @ self.on_end
-        place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
+        moved = self.warm.drives_to_end(closed)
+        place = moved_point(moved, closed.rotation @ self.on_end)
         matrix = np.concatenate([place, tilt_rates(moved[:, 3:], closed.rotation[:, :, 2])[:, None]], axis=1)
         good = np.isfinite(matrix).all(axis=(1, 2))
         good[good] = least_commanded(matrix[good]) > LOCKED

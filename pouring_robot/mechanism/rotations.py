@@ -1,4 +1,4 @@
-"""Rotation vectors of stacks of poses, and the matrices that turn their small changes into turns.
+"""Rotation vectors of stacks of poses, the matrices that turn their small changes into turns, and points at an arm.
 
 With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian (``pin.Jexp3``) says
 ``exp(w + dw) = exp(w) exp(right_jacobian(w) dw)``; see e.g. Chirikjian, *Stochastic Models, Information Theory, and
@@ -20,6 +20,11 @@ def skew(vectors: FloatArray) -> FloatArray:
     matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
     matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
     return matrices
+
+
+def moved_point(twists: FloatArray, arm: FloatArray) -> FloatArray:
+    """Return how a point at an arm (..., 3) from a body's origin moves, (..., 3, p), by twists of it, (..., 6, p)."""
+    return np.asarray(twists[..., :3, :] + np.cross(twists[..., 3:, :], arm[..., :, None], axis=-2))
 
 
 def inverse_right_jacobians(rotation_vectors: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.local_parameters import drive_parameters
+from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
@@ -32,9 +33,7 @@ def by_a_newton(up: FloatArray, moved: FloatArray, rotation: FloatArray, place: 
         rotation: axes of the end body, (n, 3, 3).
         place: of the weight, from that frame's origin in axes of the end body, (3,), in m.
     """
-    arm = rotation @ np.asarray(place)
-    lifted = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
-    return np.asarray(-np.einsum("c,ncp->np", up, lifted))
+    return np.asarray(-np.einsum("c,ncp->np", up, moved_point(moved, rotation @ np.asarray(place))))
 
 
 def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from pouring_robot.mechanism.arrays import FloatArray, as_columns
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, TwistColumns
 from pouring_robot.mechanism.local_parameters import LocalParameter, PlacementParameter
+from pouring_robot.mechanism.rotations import moved_point
 
 
 class PlacedTwists:
@@ -100,7 +101,7 @@ class Weight:
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
         _, centre, path = self._payload(1.0)
-        velocities = _velocity(as_columns(self._data.J), centre) * self._carries(path)
+        velocities = moved_point(as_columns(self._data.J), centre) * self._carries(path)
         return np.asarray(-self._gravity @ velocities)
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
@@ -111,12 +112,7 @@ class Weight:
         by_joint, by_placement = (np.cross(self._gravity, part[3:], axisb=0) for part in (motion, twists))
         change = np.zeros(first.shape)
         for mass, centre, path in self._bodies:
-            own, displaced = _velocity(motion, centre), _velocity(twists, centre)
+            own, displaced = moved_point(motion, centre), moved_point(twists, centre)
             turned = np.where(first, own.T @ by_placement.T, by_joint @ displaced)
             change -= mass * turned * np.outer(self._carries(path), placed.carried(path))
         return change
-
-
-def _velocity(twists: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the velocity that world twists (6, n) give a point; (3, n)."""
-    return np.asarray(twists[:3] + np.cross(twists[3:], point[:, None], axis=0))

@@ -34,6 +34,7 @@ from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.sweeps.analysis.sobol import SobolIndices
 from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.config import Allocation
@@ -320,10 +321,8 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
         closed = engine.close(poses.drives + plan.model.offset_of_each_drive(), poses.start).require_all()
         found, rotation = engine.transfer(closed, wanted), closed.rotation
     # The engine observes the end frame; the frame's origin is carried round with it.
-    lever = rotation @ plan.tool_offsets_m[0]
-    matrix = found.matrix.copy()
-    matrix[:, :3] += np.cross(found.matrix[:, 3:], lever[:, :, None], axis=1)
-    return matrix
+    place = moved_point(found.matrix, rotation @ plan.tool_offsets_m[0])
+    return np.concatenate([place, found.matrix[:, 3:]], axis=1)
 
 
 def _matrices(plan: SweepPlan) -> Iterator[FloatArray]:
