@@ -50,9 +50,7 @@ class _Direction:
 
     def gains(self) -> FloatArray:
         """Return the expected evidence of each measurement next, shape (n,)."""
-        right, other, apart = (_blocks(m, self._k) for m in (self._right, self._other, self._apart))
-        size = np.trace(np.linalg.solve(other, right + apart), axis1=1, axis2=2)
-        return np.asarray(0.5 * (size - self._k + np.linalg.slogdet(other)[1] - np.linalg.slogdet(right)[1]))
+        return _divergence(*(_blocks(m, self._k) for m in (self._right, self._other, self._apart)))
 
     def add(self, index: int) -> None:
         """Take a measurement as made."""
@@ -122,6 +120,10 @@ def expected(
 def divergence(right: Prediction, other: Prediction) -> float:
     """Return the expected log evidence for the right explanation against another one, in nats."""
     apart = right.mean - other.mean
-    size = np.trace(np.linalg.solve(other.covariance, right.covariance + np.outer(apart, apart)))
-    logs = np.linalg.slogdet(other.covariance)[1] - np.linalg.slogdet(right.covariance)[1]
-    return float(0.5 * (size - len(apart) + logs))
+    return float(_divergence(right.covariance, other.covariance, np.outer(apart, apart)))
+
+
+def _divergence(right: FloatArray, other: FloatArray, apart: FloatArray) -> FloatArray:
+    """Return it, (...), by covariances and the second moment of the difference of the means, (..., k, k) each."""
+    size = np.trace(np.linalg.solve(other, right + apart), axis1=-2, axis2=-1)
+    return np.asarray(0.5 * (size - right.shape[-1] + np.linalg.slogdet(other)[1] - np.linalg.slogdet(right)[1]))
