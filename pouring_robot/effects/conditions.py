@@ -91,6 +91,11 @@ class Conditions:
         return len(self.drives)
 
     @property
+    def from_zero(self) -> FloatArray:
+        """Commanded drives from where the controller's count is zero, (n, D), in m and rad."""
+        return self.drives - [drive.zero for drive in self.robot.drives]
+
+    @property
     def spans(self) -> FloatArray:
         """Distance of the joints at both ends of each sliding drive, (n, D), in m; of one that turns its value."""
         return np.asarray(self.drives + set_apart(self.robot))
@@ -308,6 +313,8 @@ def told(campaign: Campaign) -> dict[str, FloatArray]:
 def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
     """Return what effects that are learned in a campaign, under its conditions, are to be counted from elsewhere."""
     metadata = campaign.metadata
+    shared = metadata.model_dump(include={*LearnedCampaign.model_fields})  # facts of the machine
+    shared["reference_temperature_degC"] = reference_degC(metadata.reference_temperature_degC)
     return LearnedCampaign(
         ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
         seen_rad={
@@ -319,11 +326,7 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
         mean_span_m=conditions.mean_span_m.tolist(),
         mean_force=conditions.mean_force.tolist(),
         mean_rise_k={name: float(rise.mean()) for name, rise in conditions.rises.items()},
-        reference_temperature_degC=reference_degC(metadata.reference_temperature_degC),
-        screw_pitch_m=metadata.screw_pitch_m,
-        truss_span_m=metadata.truss_span_m,
-        ladle_tare_kg=metadata.ladle_tare_kg,
-        ladle_centre_of_mass_m=metadata.ladle_centre_of_mass_m,
+        **shared,
     )
 
 

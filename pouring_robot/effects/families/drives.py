@@ -19,6 +19,9 @@ _TURN = 2.0 * np.pi
 _TELLS_ORDERS_DEG = 270.0
 """Over less of a turn waves of neighbouring orders go along by three tenths or more: sin x over x of half the arc."""
 _FINE, _SMALL = 1e-4, 1e-3
+_GEAR = 10.0
+"""In mrad/rad, of a ratio and of what is coupled by gears: a tooth of a hundred, as a strain-wave gear of 100 turns 101
+to one on its other spline."""
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
 
 _PRESSED = "pressed_from_"
@@ -92,7 +95,7 @@ class Scale(Family):
         Lengths count from where the controller's count is zero. Homes are in the middle or at an end of the stroke, or
         not far from there.
         """
-        lengths = conditions.drives - [drive.zero for drive in conditions.robot.drives]
+        lengths = conditions.from_zero
         # A spool is as its lead says where its count is zero; a worn screw, on average over its stroke.
         mean = 0.0 if self.build_up else self.half_stroke_m**2 / 3.0
         bent, size = (lengths - self.middle_m) ** 2 - mean, 1.0 if self.build_up else 0.5
@@ -116,8 +119,6 @@ class Ratio(Family):
     """Error in proportion to the angle of turning drives: another gear ratio, another count a turn."""
 
     driven_by = "angles_rad"
-    _SIZE = 10.0
-    """In mrad/rad: a tooth of a hundred, as a strain-wave gear of 100 turns 101 to one on its other spline."""
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
         """By how much further each drive turns than its command says, as a share."""
@@ -135,9 +136,9 @@ class Ratio(Family):
 
         Homed a radian off, a ratio leaves as much of an offset as it adds in a radian.
         """
-        angles = conditions.drives - [drive.zero for drive in conditions.robot.drives]
-        scale = of_each(conditions, self.drives, "scale", self._SIZE, angles, per="/rad")
-        home = of_each(conditions, self.drives, "home", self._SIZE, np.ones(angles.shape), main=False)
+        angles = conditions.from_zero
+        scale = of_each(conditions, self.drives, "scale", _GEAR, angles, per="/rad")
+        home = of_each(conditions, self.drives, "home", _GEAR, np.ones(angles.shape), main=False)
         forms = [Form("all", tuple(scale)), Form("all_from_home", (*scale, *home))]
         for drive, *each in zip(self.drives, scale, home, strict=True) if len(scale) > 1 else ():
             forms += [Form(f"{drive.symbol}_alone", (each[0],)), Form(f"{drive.symbol}_from_home", tuple(each))]
@@ -149,19 +150,16 @@ class Coupling(Family):
     """A turning drive goes along with another one, in proportion: shafts, belts or rods lead past the other's joint."""
 
     driven_by = "angles_rad"
-    _SIZE = 10.0
-    """In mrad/rad, as a ratio: what is coupled is so by gears, too."""
     _PAST = 2
     """Joints that are led past: a hollow wrist has all its three motors behind it."""
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Of one drive by one before it, from where the count of that is zero; or of two neighbours by each other."""
-        angles = conditions.drives - [drive.zero for drive in conditions.robot.drives]
-        turned = angles[:, conditions.places(self.drives)].T
+        turned = conditions.from_zero[:, conditions.places(self.drives)].T
 
         def along(k: int, other: int) -> EffectParameter:
             name = f"by_{self.drives[other].symbol}"
-            return of_drive(self.drives[k], name, self._SIZE, turned[other], per="/rad")
+            return of_drive(self.drives[k], name, _GEAR, turned[other], per="/rad")
 
         forms = []
         for k, drive in enumerate(self.drives):
