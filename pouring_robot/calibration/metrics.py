@@ -13,7 +13,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
-from pouring_robot.mechanism.rotations import moved_point
+from pouring_robot.mechanism.rotations import moved_point, tilts
 
 _FEWEST_REPEATS = 3
 
@@ -170,6 +170,6 @@ def ladle_uncertainty(
         lip[:, :, :FRAMES] = 0.0
         lip = axes.T @ lip
     turn = rows.start.rotation[closed]
-    tilt = np.arctan2(turn[:, 0, 2], turn[:, 2, 2]) if np.allclose(turn[:, 1, 1], 1.0) else None
+    tilt = tilts(turn) if np.allclose(turn[:, 1, 1], 1.0) else None
     std = np.sqrt(np.maximum(((lip @ covariance) * lip).sum(axis=2), 0.0))
     return LadleUncertainty(rows.start.position[closed], tilt, std, located)

@@ -11,6 +11,7 @@ from pouring_robot.checks.check import Examination
 from pouring_robot.checks.flags import wrong_rows
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.rotations import tilts
 from pouring_robot.report import plots
 from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, own_look, png_of
 from pouring_robot.robot.pouring.layout import Layout
@@ -32,7 +33,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = wrong_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
-    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 2, 2]))
+    tilt = np.degrees(tilts(poses.rotation))
     values = dict(zip(("x", "y", "z", "tilt"), (*poses.position_m.T * 1e3, tilt), strict=True))
     third, limits = ("seen along z", "x", "y"), dict[str, tuple[float, float]]()
     if layout is not None:

@@ -34,7 +34,7 @@ from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
-from pouring_robot.mechanism.rotations import moved_point, rotation_vectors
+from pouring_robot.mechanism.rotations import moved_point, rotation_vectors, tilts
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
@@ -163,8 +163,7 @@ class PathSearch:
 
     def _left(self, closed: BatchClosure) -> FloatArray:
         place = closed.position + closed.rotation @ self.on_end
-        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
-        return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
+        return np.column_stack([place - self.target, tilts(closed.rotation) - self.wanted[:, 3]])
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
         """Return what to take from the drives, (n, 4); NaN where they do not command all that is wanted."""

@@ -18,7 +18,7 @@ from pouring_robot.effects.gaps import filled_in, with_gaps
 from pouring_robot.effects.nominal_rows import NominalRows, loads_on
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors, tilts
 from pouring_robot.robot.description.cause_types import Causes
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
@@ -124,7 +124,7 @@ class Conditions:
         """Nominal turn of the end body about the base's y, (n,); None where it turns otherwise, too."""
         if np.abs(self.rotation[:, 1, 1] - 1.0).max() > _TURNED:
             return None
-        return np.asarray(np.arctan2(self.rotation[:, 0, 2], self.rotation[:, 2, 2]))
+        return tilts(self.rotation)
 
     @property
     def turn_rad(self) -> FloatArray:
@@ -132,9 +132,7 @@ class Conditions:
         tilt = self.tilt_rad
         if tilt is not None:
             return tilt[:, None][:, : int(np.ptp(tilt) > _STILL)]
-        left, _, right = np.linalg.svd(self.rotation.mean(axis=0))
-        mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-        vectors = rotation_vectors(self.rotation @ mean.T)
+        vectors = rotation_vectors(self.rotation @ nearest_rotations(self.rotation.mean(axis=0)).T)
         return vectors[:, np.ptp(vectors, axis=0) > _STILL]
 
     @property

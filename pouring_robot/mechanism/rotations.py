@@ -1,4 +1,4 @@
-"""Rotation vectors of stacks of poses, the matrices that turn their small changes into turns, and points at an arm.
+"""Rotations of stacks of poses: vectors and what their small changes turn, tilts, nearest ones; points at an arm.
 
 With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian (``pin.Jexp3``) says
 ``exp(w + dw) = exp(w) exp(right_jacobian(w) dw)``; see e.g. Chirikjian, *Stochastic Models, Information Theory, and
@@ -20,6 +20,18 @@ def skew(vectors: FloatArray) -> FloatArray:
     matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
     matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
     return matrices
+
+
+def tilts(rotations: FloatArray) -> FloatArray:
+    """Return by how much rotations (..., 3, 3) tilt about y, (...), in rad: where their third axis points."""
+    return np.asarray(np.arctan2(rotations[..., 0, 2], rotations[..., 2, 2]))
+
+
+def nearest_rotations(matrices: FloatArray) -> FloatArray:
+    """Return the rotations nearest to matrices, (..., 3, 3) each (Kabsch, Acta Crystallographica A 32, 1976)."""
+    u, _, vt = np.linalg.svd(matrices)
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
+    return np.asarray(u @ vt)
 
 
 def moved_point(twists: FloatArray, arm: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.drawing import agreed
+from pouring_robot.robot.location import as_poses
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import Robot
@@ -333,4 +334,4 @@ def _wanted(config: SweepConfig, robot: PouringRobot) -> tuple[FloatArray, list[
         lower, upper = random.box.limits(robot.layout.box)
         return spawned(random.seed, "poses").uniform(lower, upper, size=(random.count, 4)), []
     listed = robot.read_commands(config.beside(str(config.poses.file)))
-    return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed.values()]), list(listed)
+    return as_poses([*listed.values()]), list(listed)

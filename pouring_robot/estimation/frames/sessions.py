@@ -21,7 +21,7 @@ from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weigh
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
-from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors
 
 SESSION = "session "
 """How the names of what only a session sees begin."""
@@ -126,9 +126,8 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
         middle, seen = (np.average(stack.position_m, axis=0, weights=weights) for stack in (here, there))
         spread = np.einsum("n,ni,nj->ij", weights, there.position_m - seen, here.position_m - middle)
         turns = np.einsum("n,nij,nkj->ik", weights[turned], there.rotation[turned], here.rotation[turned])
-        u, _, vt = np.linalg.svd(spread + arm_m**2 * turns)
-        u[:, 2] *= np.linalg.det(u @ vt)
-        base = pin.SE3(u @ vt, seen - u @ vt @ middle)
+        rotation = nearest_rotations(spread + arm_m**2 * turns)
+        base = pin.SE3(rotation, seen - rotation @ middle)
         left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
         sigma = robust_sigma(left / np.sqrt(3.0))
         weights = huber_weights(left, PRELIMINARY_HUBER_BOUND * np.sqrt(3.0) * sigma) if sigma else weights

@@ -22,7 +22,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.io.seeds import FRAMES_SEED
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
-from pouring_robot.mechanism.rotations import rotation_matrices, skew
+from pouring_robot.mechanism.rotations import nearest_rotations, rotation_matrices, skew
 
 FEWEST_FOR_FRAMES = 6
 """Rows that a fit of the frames needs at the least."""
@@ -188,9 +188,7 @@ class _Form:
         misfit = np.linalg.norm(left, axis=2).sum(axis=1)
         if not len(self.turns):
             return misfit, constants, inner, np.tile(np.eye(3), (len(flat), 1, 1))
-        u, _, vt = np.linalg.svd((self.mean_turn @ flat[..., None]).reshape(-1, 3, 3))
-        u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-        inner_rotation = u @ vt
+        inner_rotation = nearest_rotations((self.mean_turn @ flat[..., None]).reshape(-1, 3, 3))
         turned = np.einsum("nij,kj->kni", self.turns, flat, optimize=True) - inner_rotation.reshape(-1, 1, 9)
         misfit = misfit + np.sqrt(0.5) * self.arm * np.linalg.norm(turned, axis=2).sum(axis=1)
         return misfit, constants, inner, inner_rotation

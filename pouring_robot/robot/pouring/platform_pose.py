@@ -10,6 +10,7 @@ import pinocchio as pin
 from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import finite
+from pouring_robot.mechanism.rotations import tilts
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,8 @@ class PlatformPose:
     def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> Self:
         """Take the four freedoms out of a full pose: its position, and its tilt about y."""
         expect(pose_fixed_platform_to_moving_platform, pin.SE3, "a full pose is a pinocchio.SE3")
-        rotation = pose_fixed_platform_to_moving_platform.rotation
         x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)
-        return cls((x, y, z), math.atan2(rotation[0, 2], rotation[2, 2]))
+        return cls((x, y, z), tilts(pose_fixed_platform_to_moving_platform.rotation).item())
 
     def to_se3(self) -> pin.SE3:
         """Return the pose of the moving platform in the fixed platform."""

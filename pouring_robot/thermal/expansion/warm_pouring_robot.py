@@ -31,6 +31,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.local_parameters import LocalParameter, drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.mechanism.rotations import tilts
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, as_poses
 from pouring_robot.robot.model import RobotModel
@@ -333,8 +334,7 @@ def locate_path(
         rows, row_of = np.unique(_stand_ins(commanded), return_inverse=True)
         warm = WarmPath(heated, commanded, strains_along(heated, commanded[rows], threads, show)[row_of])
         closed = warm.close(warm.command.drives, warm.command.start)
-        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
-        found = np.column_stack([closed.position, tilt])
+        found = np.column_stack([closed.position, tilts(closed.rotation)])
         place = np.where(np.isfinite(found), found, commanded)
     warm = WarmPath(heated, commanded, strains_along(heated, place, threads, show))
     closed = warm.close(warm.command.drives, warm.command.start)
