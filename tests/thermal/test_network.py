@@ -10,13 +10,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, Temperatur
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import (
-    Circuit,
-    chain_links,
-    laplacian,
-    radiation_conductances,
-    steady_temperatures,
-)
+from pouring_robot.thermal.network.circuit import Circuit, chain_links, grey_radiation, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import BarCells, _seen_around, link_boxes, merged
 from pouring_robot.thermal.network.view_factors import DiscChords
 from tests.support import random_poses, unbalanced
@@ -298,6 +292,6 @@ def test_heat_through_the_lining_is_that_of_a_wall(network):
 
 
 def test_a_surface_radiates_by_its_whole_area():
-    to_melt, to_ambient = radiation_conductances(np.array([2.0]), np.array([0.5]), 0.8, 0.7)
+    to_melt, to_ambient = grey_radiation(np.array([2.0]), np.array([0.5]), 0.8, 0.7)
     assert to_melt[0] == pytest.approx(0.8 * 0.7 * 0.5 * Stefan_Boltzmann)
     assert to_melt[0] + to_ambient[0] == pytest.approx(0.8 * 2.0 * Stefan_Boltzmann)

@@ -10,11 +10,7 @@ from sklearn.base import clone
 from sklearn.feature_selection import SelectKBest
 from sklearn.utils.estimator_checks import check_estimator
 
-from pouring_robot.thermal.regression.sensitive_sets import (
-    FuzzyClustering,
-    fuzzy_similarity,
-    grey_relational_degree,
-)
+from pouring_robot.thermal.regression.sensitive_sets import FuzzyClustering, fuzzy_similarity, grey_relational_degree
 from pouring_robot.thermal.regression.table import ErrorSetError
 
 # A textbook-sized relation: the best path 0-2-1 carries 0.6, set 3 hangs on by 0.3.

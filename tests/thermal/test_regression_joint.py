@@ -23,13 +23,7 @@ from pouring_robot.thermal.regression.sensitive_sets import (
 )
 from pouring_robot.thermal.regression.table import ErrorSetError, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
-from scripts.paper.thermal.regression import (
-    TableDesign,
-    compare,
-    count_beaten,
-    draw_table,
-    report_beaten,
-)
+from scripts.paper.thermal.regression import TableDesign, compare, count_beaten, draw_table, report_beaten
 from tests.support import round_off
 
 

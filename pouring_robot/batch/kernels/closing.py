@@ -21,16 +21,7 @@ import math
 
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.residuals import (
-    Room,
-    evaluate,
-    joint_twist,
-    keep_state,
-    move,
-    put,
-    step_back,
-    three,
-)
+from pouring_robot.batch.kernels.residuals import Room, evaluate, joint_twist, keep_state, move, put, step_back, three
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO

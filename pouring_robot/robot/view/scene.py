@@ -20,16 +20,7 @@ from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
-from pouring_robot.viewer import (
-    GHOST_TINT,
-    Colour,
-    Curve,
-    Scene,
-    SceneArrows,
-    SceneRobot,
-    Step,
-    visual_model,
-)
+from pouring_robot.viewer import GHOST_TINT, Colour, Curve, Scene, SceneArrows, SceneRobot, Step, visual_model
 
 # The largest error is drawn about this long unless the user says otherwise.
 _DRAWN_ERROR_M = 0.15

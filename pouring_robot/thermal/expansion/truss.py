@@ -26,13 +26,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import (
-    Circuit,
-    integrate,
-    laplacian,
-    radiation_conductances,
-    steady_temperatures,
-)
+from pouring_robot.thermal.network.circuit import Circuit, grey_radiation, integrate, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 
@@ -98,9 +92,7 @@ class TrussNetwork:
         steel, on = properties.steel, float(self._robot.radiation)
         clear = _clear_share(cells.centres_m, self._robot.melt_points_m(pose, _MELT_POINTS), self._in_the_way)
         view = properties.truss.exposed.value * clear * self._robot.view_area_m2(cells, pose)
-        to_melt, to_ambient = radiation_conductances(
-            area, view, on * steel.emissivity.value, properties.melt.emissivity.value
-        )
+        to_melt, to_ambient = grey_radiation(area, view, on * steel.emissivity.value, properties.melt.emissivity.value)
         conducts = laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts])
         none, film = np.zeros(cells.count), properties.ambient.film_coefficient.value * area
         capacity = self._density * steel.heat_capacity.value * cells.volume_m3

@@ -24,13 +24,7 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.bodies import Bodies
-from pouring_robot.thermal.network.circuit import (
-    SOLVER,
-    Circuit,
-    integrate,
-    radiation_conductances,
-    steady_temperatures,
-)
+from pouring_robot.thermal.network.circuit import SOLVER, Circuit, grey_radiation, integrate, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.temperature_field import TemperatureField
@@ -162,7 +156,7 @@ class ThermalNetwork:
         melt_contact[nodes.lining[0]] = self._melt_contact
         emissivity = np.full(nodes.count, properties.steel.emissivity.value)
         emissivity[nodes.cladding] = properties.insulation.emissivity.value
-        radiation = radiation_conductances(area, view, emissivity, properties.melt.emissivity.value)
+        radiation = grey_radiation(area, view, emissivity, properties.melt.emissivity.value)
         to_melt, to_ambient = (float(self.radiation) * one for one in radiation)
         film = properties.ambient.film_coefficient.value * area
         return Circuit(matrix, melt_contact, film, to_melt, to_ambient, self._capacity), exposure, rotation

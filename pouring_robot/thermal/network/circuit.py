@@ -120,7 +120,7 @@ def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray
     return matrix
 
 
-def radiation_conductances(
+def grey_radiation(
     area_m2: FloatArray, view_area_m2: FloatArray, emissivity: FloatArray | float, melt_emissivity: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return how strongly surfaces of area and area times view factor, (n,), radiate with melt and surroundings.

@@ -8,7 +8,7 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.bodies import Bodies
-from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, radiation_conductances
+from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, grey_radiation
 from pouring_robot.thermal.network.elements import LegExposure
 
 
@@ -94,7 +94,7 @@ class TemperatureField:
         grid, steel = self.bodies.grid, self.properties.steel
         radiates = bool(self.circuit.ambient_radiation.any())
         one, emissivity = np.ones(()), steel.emissivity.value if radiates else 0.0
-        to_melt, to_ambient = radiation_conductances(one, one, emissivity, self.properties.melt.emissivity.value)
+        to_melt, to_ambient = grey_radiation(one, one, emissivity, self.properties.melt.emissivity.value)
         temperatures = self.temperatures_K[self.bodies.nodes.legs]
         loss = self.properties.ambient.film_coefficient.value + 4.0 * (to_melt + to_ambient) * temperatures**3
         source = to_melt * (self.melt_K**4 - self.ambient_K**4)
