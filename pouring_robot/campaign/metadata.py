@@ -54,6 +54,12 @@ class CampaignMetadata(StrictModel):
     reference_temperature_degC: Surroundings | None = None  # at which the drawing holds
 
     @property
+    def stated(self) -> dict[str, Any]:
+        """Facts by section and key of the file, such as ``truss.span_m``; None: not stated."""
+        both = ((name, *fact) for name, facts in _KEYS.items() for fact in facts.items())
+        return {f"{name}.{keys[0]}": getattr(self, fact) for name, fact, keys in both}
+
+    @property
     def own_frames(self) -> bool:
         """Whether each session measured from a place of its own."""
         return self.frames == PER_SESSION

@@ -9,8 +9,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.instruments import instruments_of
-from pouring_robot.estimation.noise import noise_key, stated_sigma
+from pouring_robot.estimation.noise import noise_beforehand, noise_key
 from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
@@ -238,8 +237,8 @@ def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
-    measured = (instrument.kind for instrument in instruments_of(campaign) if instrument.known.any())
-    missing = [noise_key(kind) for kind in measured if stated_sigma(campaign.metadata, kind) is None]
+    noise = noise_beforehand(campaign, np.flatnonzero(campaign.usable))
+    missing = [noise_key(kind) for kind in noise.measured if noise[kind].source != "stated"]
     if missing:
         message = f"the YAML file states no noise level: metrology.{' and '.join(missing)}"
         yield found(campaign, FlagCode.NO_NOISE_LEVEL, message)

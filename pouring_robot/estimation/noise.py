@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import instruments_of
 from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
@@ -177,12 +176,6 @@ def noise_key(kind: Kind) -> str:
     return f"sigma_{kind}_{unit_of(kind)[0]}"
 
 
-def stated_sigma(facts: CampaignMetadata, kind: Kind) -> float | None:
-    """Return the noise that a campaign states of a kind, in m or rad; None where it states none."""
-    sigma: float | None = getattr(facts, f"sigma_{kind}_{'rad' if kind == 'rotation' else 'm'}")
-    return sigma
-
-
 def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
     """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
     measured = instruments_of(campaign)
@@ -191,7 +184,7 @@ def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
     there = {instrument.kind for instrument in measured if instrument.known.any()}
     found: dict[Kind, Noise] = {}
     for kind, seen in itertools.zip_longest(KINDS, shown):
-        given = stated_sigma(campaign.metadata, kind)
+        given = getattr(campaign.metadata, f"sigma_{kind}_{'rad' if kind == 'rotation' else 'm'}")
         noise = seen or Noise(source="residuals") if given is None else Noise(given, "stated")
         found[kind] = noise if kind in there else Noise(noise.sigma)
     return NoiseLevel(found)

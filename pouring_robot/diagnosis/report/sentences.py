@@ -264,13 +264,7 @@ def spare_lines(diagnosis: Conclusions) -> list[str]:
 def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
     """Return those of :func:`sources` that a campaign does not have."""
     columns = {*campaign.missing_conditions()}
-    stated = {
-        "ladle.tare_kg": campaign.metadata.ladle_tare_kg,
-        "ladle.centre_of_mass_mm": campaign.metadata.ladle_centre_of_mass_m,
-        "drives.screw_pitch_mm": campaign.metadata.screw_pitch_m,
-        "truss.span_m": campaign.metadata.truss_span_m,
-    }
-    wanted = sources(needs, campaign.robot)
+    stated, wanted = campaign.metadata.stated, sources(needs, campaign.robot)
     found = tuple(name for name in wanted if name in columns or (name in stated and stated[name] is None))
     return found or wanted
 
