@@ -246,34 +246,26 @@ class PathPoseError(NoSolutionError):
         super().__init__(f"{path}: line {line}: {reason}")
 
 
-class SingularPoseError(NoSolutionError):
-    """The drives do not determine the platform here.
+class _DegeneratePoseError(NoSolutionError):
+    """Drives and platform do not determine each other here; ``ratio`` says how nearly they do."""
 
-    Attributes:
-        ratio: smallest over largest eigenvalue of the closure's Hessian over the free joints.
-    """
+    _words = ""
 
     def __init__(self, ratio: float) -> None:
         self.ratio = ratio
-        super().__init__(
-            f"the mechanism is singular here: with its drives held the platform can still move "
-            f"(eigenvalue ratio {ratio:.1e}); choose another pose"
-        )
+        super().__init__(f"{self._words} {ratio:.1e}); choose another pose")
 
 
-class LockedPoseError(NoSolutionError):
-    """No drives move a frame along some direction here.
+class SingularPoseError(_DegeneratePoseError):
+    """The drives do not determine the platform: least over largest eigenvalue of the Hessian over the free joints."""
 
-    Attributes:
-        ratio: smallest over largest singular value of how the drives move it.
-    """
+    _words = "the mechanism is singular here: with its drives held the platform can still move (eigenvalue ratio"
 
-    def __init__(self, ratio: float) -> None:
-        self.ratio = ratio
-        super().__init__(
-            f"no drives move the robot in every direction here (ratio of singular values {ratio:.1e}); "
-            "choose another pose"
-        )
+
+class LockedPoseError(_DegeneratePoseError):
+    """No drives move a frame along some direction: least over largest singular value of how they move it."""
+
+    _words = "no drives move the robot in every direction here (ratio of singular values"
 
 
 class CompensationError(NoSolutionError):
