@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pouring_robot.effects.default_causes import causes_of
+from pouring_robot.effects.families.growth import STEEL_PPM
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
@@ -36,7 +37,7 @@ DEFAULT_SETS = ("centres",)
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
     "compliance": {"m": ("m/N", MM), "rad": ("rad/Nm", MRAD)},
-    "expansion": {"m": ("1/K", 1.2e-5)},
+    "expansion": {"m": ("1/K", 1e-6 * STEEL_PPM)},
 }
 _MOST_POSES = 500
 _HOTTEST_DEGC = 800.0

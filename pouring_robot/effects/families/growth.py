@@ -23,7 +23,7 @@ from pouring_robot.robot.description.drive import Drive
 _Grows = Callable[[Mapping[str, FloatArray]], dict[str, FloatArray]]
 _Shape = tuple[str, float, dict[str, FloatArray]]
 _PPM = 1e-6
-_PRIOR_STD_PPM = 12.0
+STEEL_PPM = 12.0  # per kelvin
 _BIAS_K = 4.0
 _OWN = 0.3
 """Share by which a part may grow otherwise than the others: another steel, another length that is hot."""
@@ -59,7 +59,7 @@ class DriveGrowth(Family):
 
     def _parameters(self, conditions: Conditions, length: FloatArray, other: FloatArray) -> tuple[EffectParameter, ...]:
         """Return the parameters where so much length (n, D) of each drive is hot, or some of another one."""
-        std, thermometers = _PRIOR_STD_PPM, conditions.causes.drive_thermometers
+        std, thermometers = STEEL_PPM, conditions.causes.drive_thermometers
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
 
         shapes = [("other_length", 1.0, other * rise)]
@@ -105,7 +105,7 @@ class LinkGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
-        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, standing(conditions.robot)
+        rise, std, known = conditions.rises[self.thermometer], STEEL_PPM, standing(conditions.robot)
         places = {joint: lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
 
@@ -142,7 +142,7 @@ class LinksGrowth(Family):
         What measures a slide's travel, a screw or a scale of glass, grows like the frame, not at all, or alone, by its
         own friction or in a frame of granite. From where on it grows, where it is held fast, no file says.
         """
-        prior_std, robot, places = _PRIOR_STD_PPM, conditions.robot, _chain_joints(conditions.robot)
+        prior_std, robot, places = STEEL_PPM, conditions.robot, _chain_joints(conditions.robot)
         carried = grown_places(robot, places) + chain_ends(robot, places)
         # What moves the end frame alone moves it as the base would, and what moves the base frame the other way round.
         base, end = (frame_places(robot, name, places) for name in (robot.loops.base_frame, robot.loops.end_frame))
