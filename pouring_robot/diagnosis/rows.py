@@ -26,7 +26,7 @@ from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.fit_priors import FRAME_STD
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
-from pouring_robot.estimation.frames.sessions import base_displacements, session_parameters
+from pouring_robot.estimation.frames.sessions import base_displacements, numbers_of, session_parameters
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
@@ -161,10 +161,10 @@ class CampaignRows:
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + model.offset_of_each_drive()
-        own = list(dict.fromkeys(p.session for p in session_parameters(campaign)))
-        self._session = np.array([own.index(name) if name in own else -1 for name in campaign.sessions], dtype=np.intp)
+        sessions = session_parameters(campaign)
+        self._session = numbers_of(campaign.sessions, sessions)
         first = first_frames(modelled, self.measured).frames
-        self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(6 * len(own)))
+        self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(len(sessions)))
         self._nominal = self._by_the_drawing(modelled)
         self.conditions = conditions_of(campaign, self._nominal)
         structure = self.measurement.engine.structure

@@ -28,7 +28,7 @@ from pouring_robot.batch import BatchClosure, BatchStart, Engine, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
-from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
+from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements, numbers_of
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
@@ -180,8 +180,7 @@ class MeasurementModel:
         count = len(self.engine.structure.mechanism.loops.drives)
         if drives.ndim != 2 or drives.shape[1] != count:
             raise BadInputError(f"drives must have the shape (n, {count}), not {drives.shape}")
-        own = {name: k for k, name in enumerate(dict.fromkeys(p.session for p in self.sessions))}
-        session = np.array([own.get(name, -1) for name in sessions or [""] * len(drives)], dtype=np.intp)
+        session = numbers_of(sessions or [""] * len(drives), self.sessions)
         return ModelledRows(self, drives, self.drawing.starts(drives) if start is None else start, session)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:

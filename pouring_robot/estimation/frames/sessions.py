@@ -8,6 +8,7 @@ displacement of the base in its own axes that this session's rows see, fitted wi
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,12 @@ def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
     others = by_size(campaign)[1:] if campaign.metadata.own_frames else []
     return tuple(SessionParameter("base", component, name) for name in others for component in COMPONENTS)
+
+
+def numbers_of(sessions: Sequence[str], parameters: Sequence[SessionParameter]) -> Indices:
+    """Return the number of each row's session among those that unknowns are of, (n,); -1: it has none."""
+    own = {name: k for k, name in enumerate(dict.fromkeys(p.session for p in parameters))}
+    return np.array([own.get(name, -1) for name in sessions], dtype=np.intp)
 
 
 def by_size(campaign: Campaign) -> list[str]:
