@@ -10,10 +10,9 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
-from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
-from pouring_robot.mechanism.arrays import BoolArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, Indices, robust_sigma
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4

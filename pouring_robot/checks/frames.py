@@ -31,10 +31,9 @@ from pouring_robot.checks.units_and_axes import (
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.robust import robust_sigma
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, robust_sigma
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4

@@ -14,9 +14,9 @@ from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.noise import LEAST_NOISE
-from pouring_robot.estimation.robust import huber_weights, robust_sigma, tukey_weights
+from pouring_robot.estimation.robust import huber_weights, tukey_weights
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing

@@ -2,7 +2,7 @@
 
 In a fit (:func:`robust_terms`) the coordinates of a row are judged together: one slip spoils all three, and the bound
 follows from noise. Before any fit, where the noise is not known, the scale is that of the residuals themselves
-(:func:`robust_sigma`, :func:`huber_weights`, :func:`tukey_weights`).
+(:func:`~pouring_robot.mechanism.arrays.robust_sigma`, :func:`huber_weights`, :func:`tukey_weights`).
 """
 
 import functools
@@ -23,7 +23,6 @@ PRELIMINARY_HUBER_BOUND, PRELIMINARY_TUKEY_BOUND = 1.5, 4.7
 """Bounds of weights before a fit, of frames and in checks, in robust standard deviations: beyond, a value pulls no
 more, or not at all. Of normal values 96 % and 95 % of what least squares know are left (Huber, Robust Statistics, 1981,
 ch. 4 and 7)."""
-_MAD_TO_SIGMA = 1.4826  # of normal values: one over their quantile of three quarters
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +32,6 @@ class Equations:
     residual: FloatArray  # of each of m equations, (m,)
     rows: Indices  # row that each is of, (m,)
     components: Indices  # component that each is of, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)
-
-
-def robust_sigma(values: FloatArray) -> float:
-    """Return the standard deviation of zero-mean values by their median size, NaN left out; 0 without values."""
-    kept = np.abs(values[np.isfinite(values)])
-    return float(_MAD_TO_SIGMA * np.median(kept)) if kept.size else 0.0
 
 
 def huber_weights(sizes: FloatArray, bound: float | FloatArray = PRELIMINARY_HUBER_BOUND) -> FloatArray:

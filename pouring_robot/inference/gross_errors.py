@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc, ndtri
 
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, robust_sigma
 
 _SIGMAS = 6.5
 """Of a million normal values one is beyond 4.9; this leaves room for tails that are no longer normal."""
@@ -28,7 +28,7 @@ def calm(left: FloatArray) -> bool:
 
     By their median, which a few wrong rows do not move.
     """
-    return float(np.median(np.abs(left)) / ndtri(0.75)) < _CALM
+    return robust_sigma(left) < _CALM
 
 
 def gross_errors(

@@ -22,9 +22,9 @@ import scipy.linalg
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, frame_starts
-from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights, robust_sigma
+from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights
 from pouring_robot.exceptions import FrameFitError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, robust_sigma
 from pouring_robot.mechanism.rotations import skew
 
 _RESOLUTION = 1e-6

@@ -18,9 +18,9 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights, robust_sigma
+from pouring_robot.estimation.robust import PRELIMINARY_HUBER_BOUND, huber_weights
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors
 
