@@ -7,7 +7,7 @@ import heapq
 import itertools
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,12 @@ from pouring_robot.inference.evidence import (
     most_within,
 )
 from pouring_robot.inference.priors import LIKELY_LEVEL, WORKMANSHIP_LEVELS, coarsest_level, log_prior_of_levels
-from pouring_robot.inference.problem import Explanation, Problem, Workmanship
+from pouring_robot.inference.problem import Explanation, Problem, Value, Workmanship, once
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _SWEEPS = 3
 _ALONE = 2e-3
 """Least of one minus the leverage: of less, 0.3 of the noise (a form that is not quite right) would look like 6.5."""
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +75,8 @@ class Hypothesis:
     @property
     def _coarsest(self) -> tuple[int, ...]:
         """The largest level of each kind of workmanship: the one that what is known of it does not exceed."""
-        known = self.problem.worked_out
-        if "coarsest" not in known:
-            known["coarsest"] = tuple(coarsest_level(kind.most) for kind in self.problem.workmanship)
-        levels: tuple[int, ...] = known["coarsest"]
-        return levels
+        kinds = self.problem.workmanship
+        return once(self.problem.worked_out, "coarsest", lambda: tuple(coarsest_level(kind.most) for kind in kinds))
 
     @property
     def unnamed(self) -> list[int]:
@@ -140,22 +136,17 @@ class Hypothesis:
     @property
     def _beside_workmanship(self) -> Beside:
         """What is to be seen beside workmanship: factored once for all hypotheses with as much of it."""
-        known = self.problem.worked_out
-        if ("workmanship", self.levels) not in known:
-            known["workmanship", self.levels] = Beside.groups(self.problem.gram, self.workmanship())
-        found: Beside = known["workmanship", self.levels]
-        return found
+        known, asked = self.problem.worked_out, ("workmanship", self.levels)
+        return once(known, asked, lambda: Beside.groups(self.problem.gram, self.workmanship()))
 
     def _inner(self, one: Explanation, other: Explanation) -> FloatArray:
         """Return the inner products of the columns of two explanations beside workmanship: asked for again and again.
 
         Of a pair (k, l), as both may be tried beside many others.
         """
-        known, pair = self.problem.worked_out, (self.levels, one.key, other.key)
-        if pair not in known:
-            known[pair] = self._beside_workmanship.inner(self.problem.places(one), self.problem.places(other))
-        found: FloatArray = known[pair]
-        return found
+        known, places = self.problem.worked_out, self.problem.places
+        pair = self.levels, one.key, other.key
+        return once(known, pair, lambda: self._beside_workmanship.inner(places(one), places(other)))
 
     @functools.cached_property
     def _beside_items(self) -> Beside:
@@ -220,10 +211,7 @@ class Hypothesis:
 
     def once(self, what: Hashable, work: Callable[[], Value]) -> Value:
         """Return what is worked out once for this hypothesis and those that :attr:`_known` holds for equal."""
-        if what not in self._known:
-            self._known[what] = work()
-        found: Value = self._known[what]
-        return found
+        return once(self._known, what, work)
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, everything else held, in nats."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,15 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 WORKMANSHIP_FORM = "background"
 """What an effect's form is called in files where it is workmanship."""
 _RANK = 1e-10
+Value = TypeVar("Value")
+
+
+def once(known: dict[Hashable, Any], what: Hashable, work: Callable[[], Value]) -> Value:
+    """Return what is worked out once, and known from then on."""
+    if what not in known:
+        known[what] = work()
+    found: Value = known[what]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
