@@ -162,8 +162,8 @@ def _actual_poses(
     robot: Robot, plan: PosePlan, robots: Sequence[Robot] | None, path: Path, progress: Progress
 ) -> list[pin.SE3]:
     """Return where the robot as built stands at each pose: all at once where one robot stands at all, and unloaded."""
-    rows, loads, found = len(plan), robot.actual_solver.energy.loads, dict[int, pin.SE3]()
-    if robots is None and not (loads.gravity or loads.drive_stiffness):
+    rows, found = len(plan), dict[int, pin.SE3]()
+    if robots is None and not robot.loaded:
         command, within = robot.drawing.commands(plan.rows), robot.drawing.in_reach
         closed = robot.close(command.drives, command.start)
         sound = np.flatnonzero(closed.closed & within(command.start) & within(closed.as_start()))

@@ -107,8 +107,7 @@ class PouringRobot(Robot):
         )
 
     def _located_many(self, poses: FloatArray) -> xr.Dataset:
-        loads = self.actual_solver.energy.loads
-        if not loads.gravity and not loads.drive_stiffness:
+        if not self.loaded:
             command = self.kinematics.commands(poses)
             return self.path_dataset(command, self.close(command.drives, command.start))
         loops, status = self.drawing.mechanism.loops, []

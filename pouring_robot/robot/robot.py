@@ -185,12 +185,17 @@ class Robot:
         """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
         return self.engine().close(self.standing(drives), start)
 
+    @property
+    def loaded(self) -> bool:
+        """Whether weight or yielding drives bend the robot as built."""
+        loads = self.actual_solver.energy.loads
+        return bool(loads.gravity or loads.drive_stiffness)
+
     def engine(self) -> Engine:
         """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""
         from pouring_robot.batch import engine_for
 
-        loads = self.actual_solver.energy.loads
-        if loads.gravity or loads.drive_stiffness:
+        if self.loaded:
             raise BadInputError("under loads a robot is closed command by command: use transfer or location_at")
         return engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
 
