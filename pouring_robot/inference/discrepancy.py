@@ -14,9 +14,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import Beside, largest_scale
+from pouring_robot.inference.evidence import Beside, largest_scale, log_mean
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import NOISE_FACTORS
 from pouring_robot.inference.processes import Process
@@ -93,8 +92,7 @@ class Discrepancy(SeenProcesses):
         for k, factor in enumerate(NOISE_FACTORS):  # coefficients that are so many times smaller, over the noise
             seen = Beside(problem.gram, fitted.places, fitted.weights / factor)
             densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
-        evidence = float(logsumexp(densities)) - np.log(len(densities)) - fitted.log_likelihood
-        return float(NOISE_FACTORS[np.argmax(densities)]), float(evidence)
+        return float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) - fitted.log_likelihood
 
     def structures(self, least_evidence: float = 3.0) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.inference.evidence import Beside, Gram, bayes_factor
+from pouring_robot.inference.evidence import Beside, Gram, bayes_factor, log_mean
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Channel, Part, Process, between
 from pouring_robot.mechanism.arrays import FloatArray
@@ -212,7 +212,7 @@ class Together:
         products = [self.products(one) for one in lengths]
         worths = [bayes_factor(*one) for one in products]
         evidences = np.array([worth.evidence for worth in worths])
-        best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
+        best, mean = int(np.argmax(evidences)), float(log_mean(evidences))
         return Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
     def all(self, but: Iterable[str] = ()) -> Iterator[Found]:
