@@ -98,7 +98,7 @@ def _solvers(
 def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     """Return the moving joints that some but not all of base, end and loop frames hang on, then the loops' seats."""
     model, loops, paths = mechanism.shared_model, mechanism.loops, mechanism.frame_paths
-    ends = [loops.base_frame, str(loops.end_frame), *(n for loop in loops.loops for n in (loop.frame_a, loop.frame_b))]
+    ends = (loops.base_frame, str(loops.end_frame), *loops.loop_frames)
     shared, every = shared_joints(mechanism), dict.fromkeys(name for end in ends for name in paths[end])
     moving = [name for name in every if name not in shared and model.existJointName(name)]
     seats = (name for loop in range(len(loops.loops)) for name in seat_joints(mechanism, loop))

@@ -306,7 +306,7 @@ def shared_joints(mechanism: ClosedChainMechanism) -> frozenset[str]:
     And those that are cut, which carry nothing.
     """
     loops, paths = mechanism.loops, mechanism.frame_paths
-    ends = (loops.base_frame, str(loops.end_frame), *(n for one in loops.loops for n in (one.frame_a, one.frame_b)))
+    ends = (loops.base_frame, str(loops.end_frame), *loops.loop_frames)
     return frozenset.intersection(*(frozenset(paths[name]) for name in ends)).union(loops.cut_joints)
 
 

@@ -37,7 +37,7 @@ def set_apart(robot: RobotDefinition) -> FloatArray:
     Measured along the slide, from the moving joint before it to the one behind it, or to the loop that it closes.
     """
     mechanism, apart = robot.mechanism(), np.zeros(len(robot.drives))
-    model, loops = mechanism.shared_model, mechanism.loops.loops
+    model = mechanism.shared_model
     for k, drive in enumerate(robot.drives):
         joint = model.getJointId(drive.joint)
         if drive.unit == "rad" or model.parents[joint] == 0:
@@ -45,7 +45,7 @@ def set_apart(robot: RobotDefinition) -> FloatArray:
         axis = mechanism.joint_axes([joint])[0, :3]
         before, placed = model.jointPlacements[joint], model.jointPlacements
         ends = [placed[after].translation for after in range(1, model.njoints) if model.parents[after] == joint]
-        frames = (model.frames[mechanism.frame_id(name)] for loop in loops for name in (loop.frame_a, loop.frame_b))
+        frames = (model.frames[mechanism.frame_id(name)] for name in mechanism.loops.loop_frames)
         ends += [frame.placement.translation for frame in frames if frame.parentJoint == joint]
         apart[k] = axis @ before.rotation.T @ before.translation + (axis @ ends[0] if ends else 0.0)
     return apart

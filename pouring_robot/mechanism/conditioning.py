@@ -36,7 +36,7 @@ def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> A
     """Return the largest sideways entry of a frame's G over all axis tilts of the chains; raises SingularPoseError."""
     paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
     shared = {*paths[loops.base_frame], *loops.cut_joints}
-    chains = dict.fromkeys(name for loop in loops.loops for name in (*paths[loop.frame_a], *paths[loop.frame_b]))
+    chains = dict.fromkeys(name for end in loops.loop_frames for name in paths[end])
     tilts = [p for p in placement_parameters(name for name in chains if name not in shared) if p.unit == "rad"]
     sideways = np.abs(closed_chain_transfer(solver, result, tilts, frame).matrix[1])
     worst = int(np.argmax(sideways))

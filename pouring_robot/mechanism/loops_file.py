@@ -86,6 +86,11 @@ class LoopsFile(StrictModel):
         return tuple(loop.name for loop in self.loops)
 
     @property
+    def loop_frames(self) -> tuple[str, ...]:
+        """The frames that loops close, two of each."""
+        return tuple(name for loop in self.loops for name in (loop.frame_a, loop.frame_b))
+
+    @property
     def reported_frames(self) -> tuple[str, ...]:
         """The frames whose poses are reported: the end frame, then the tool frames."""
         return (*((self.end_frame,) if self.end_frame else ()), *self.tool_frames)

@@ -124,7 +124,7 @@ class Robot:
     def unseen_displacements(self) -> tuple[str, ...]:
         """Displaced joints that no pose seen from the base frame shows: they carry it, as a rail, or are a finger's."""
         paths, loops = self.actual_solver.mechanism.frame_paths, self.actual_solver.mechanism.loops
-        frames = (*loops.reported_frames, *(name for loop in loops.loops for name in (loop.frame_a, loop.frame_b)))
+        frames = (*loops.reported_frames, *loops.loop_frames)
         seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
         return tuple(joint for joint in self.model.joint_placements if joint not in seen)
 

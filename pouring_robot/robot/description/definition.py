@@ -105,9 +105,8 @@ class RobotDefinition:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
         # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
         carrying = [joint for joint in file.travel if kinds[joint] != "fixed"]
-        ends = (name for loop in self.loops.loops for name in (loop.frame_a, loop.frame_b))
         base, end = self.loops.base_frame, self.loops.end_frame
-        above = {name: {*carriers(root, name)} for name in (base, end, *ends) if name is not None}
+        above = {name: {*carriers(root, name)} for name in (base, end, *self.loops.loop_frames) if name is not None}
         self._check_travels(carrying, above)
         locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
         self.loops = self.loops.model_copy(update={"locked_joints": locked})

@@ -120,7 +120,7 @@ class Assembly:
             )
             for name in sorted(links, key=depth)
         }
-        for frame in (frame for loop in mechanism.loops.loops for frame in (loop.frame_a, loop.frame_b)):
+        for frame in mechanism.loops.loop_frames:
             if frame not in links:
                 raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
         mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}

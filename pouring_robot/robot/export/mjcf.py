@@ -154,7 +154,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
         _geom(element, shape, assembly, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
     for shape in body.collisions:
         _geom(element, shape, assembly, group="3")
-    for frame in dict.fromkeys(f for loop in assembly.loops.loops for f in (loop.frame_a, loop.frame_b)):
+    for frame in dict.fromkeys(assembly.loops.loop_frames):
         if assembly.solid(frame) == body.name:
             place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
             etree.SubElement(element, "site", name=frame, group="4", **place)
