@@ -151,7 +151,8 @@ class Diagnoser:
             alone = (self._alone(key) for key in likely if known != key[:1] and key not in refused)
             other = max(alone, key=lambda found: found[1].log_evidence, default=None)
             if other and other[1].log_evidence > best.hypothesis.log_evidence + self.thresholds.least_evidence:
-                best = self._followed(functools.partial(_given, other[1]), other[0])
+                at, single = other
+                best = self._followed(lambda _: single, at)
         return best.state, best.hypothesis
 
     def _followed(self, begin: Callable[[LinearState], Hypothesis], at: State | None = None) -> _Followed:
@@ -272,11 +273,6 @@ class Diagnoser:
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""
         return self.rows.signature(local_changes(parameters, values.tolist()), linear)
-
-
-def _given(hypothesis: Hypothesis, _: LinearState) -> Hypothesis:
-    """Return what a search goes on from, wherever it is."""
-    return hypothesis
 
 
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:

@@ -183,7 +183,7 @@ def bring(
 
 
 def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
-    """Return whether Newton ends with what is left or stepped, in m or rad, after so much before it, any shape.
+    """Return whether Newton ends where so much is left or stepped after so much before it, in m or rad, any shape.
 
     Round-off may end the way a little earlier; what was reached is then reported as it is.
     """
