@@ -111,7 +111,7 @@ def test_drives_have_columns_units_and_gears(arm):
     turn, reach = RobotDefinition.load(arm).drives
     assert (turn.column, turn.unit, turn.command, turn.factor) == ("turn", "rad", "angle", 0.5)
     assert (reach.column, reach.unit, reach.command) == ("reach", "m", "angle")
-    assert reach.factor * 2.0 * math.pi == pytest.approx(0.010, rel=1e-15)
+    assert reach.per_turn == pytest.approx(0.010, rel=1e-15) and turn.per_turn == pytest.approx(2.0 * math.pi)
 
 
 def test_a_robot_without_loops_is_near_no_parallel_singularity(arm):
