@@ -166,6 +166,21 @@ def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
     assert (alone.effects, impossible_effects(alone, Thresholds())) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
 
 
+def test_a_form_that_nature_does_not_allow_bars_no_other_that_it_does(rng):
+    """What shapes the one, whose main parameter would be negative, is the main parameter of the other, beside more."""
+    true, aside, *more = 20.0 * np.linalg.qr(rng.normal(size=(60, 6)))[0].T
+    bent = np.column_stack([-0.7 * true - 0.7 * aside, true])
+    items = [
+        Explanation("a", "bent", bent, np.array([True, False]), bounds=np.array([[0.0, np.inf], [-np.inf, np.inf]])),
+        explanation("a", np.column_stack([true, *more]), "whole"),
+    ]
+    given = problem(3.0 * true, items)
+    alone = Hypothesis.nothing(given)
+    worth = [alone.candidate_bayes_factor(item).evidence for item in items]
+    assert worth[0] > worth[1] > 100.0
+    assert search(given).keys == {("a", "whole")}
+
+
 def test_settling_finds_the_best_scales_and_levels(rng):
     """No neighbour of a settled hypothesis is more probable at the scales it has."""
     items = library(rng)[:4:2]
