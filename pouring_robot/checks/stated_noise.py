@@ -8,7 +8,8 @@ where Z holds all that may move the target smoothly, a column each: every displa
 base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
 drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
 found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where drives also err in
-proportion to where all stand, and where in proportion to where they stand and by waves of their turn.
+proportion to where all stand, where in proportion to where they stand and by waves of their turn, and where all joints
+shift with every temperature, as on links that grow.
 """
 
 import functools
@@ -124,7 +125,8 @@ def check_noise(
     if not all(one.too_small for one in scatters):
         return
     # Of few rows each of these explains a part of any noise: it may clear it, but how large it is the others say.
-    more = (_by_all(data.drives[rows]), _by_own_place(campaign, data.drives[rows]))
+    warm = (np.tile(values, (len(effect[1]), 1)).T for values in _conditions(campaign, rows, "temperature"))
+    more = (_by_all(data.drives[rows]), _by_own_place(campaign, data.drives[rows]), warm)
     tried = (_scatters(campaign, data, fit, rows, effect, (*by_drive, *causes)) for causes in more)
     if all(one.too_small for beside in tried for one in beside):
         least = min(scatters, key=lambda one: one.factor)
@@ -143,23 +145,23 @@ def _scatters(
     fit: FrameFit,
     rows: Indices,
     effect: tuple[FloatArray, FloatArray],
-    by_drive: Iterable[FloatArray] = (),
+    more: Iterable[FloatArray] = (),
 ) -> list[Scatter]:
     """Return what each component of some rows scatters by.
 
-    ``effect`` is that of every joint, see :func:`joint_effect`; ``by_drive`` are more causes, an error of every drive
-    in the rows, (n, D) each.
+    ``effect`` is that of every joint, see :func:`joint_effect`; ``more`` are more causes, an error in the rows of every
+    drive, (n, D) each, or of all that the effect is of, (n, p).
     """
     moved, units = effect
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
     yielding = drives * units[: drives.shape[2]]
     by_condition = np.concatenate([frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), yielding], axis=2)
-    varying = (*_conditions(campaign, rows), *_bends(data.poses.position_m[rows]))
+    varying = (*_conditions(campaign, rows), *_sessions(campaign, rows), *_bends(data.poses.position_m[rows]))
     smooth = [moved * units, *(by_condition * values[:, None, None] for values in varying)]
     if campaign.approach is not None:
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
-    smooth += [yielding * sizes[:, None] for sizes in by_drive]
+    smooth += [(moved * units)[:, :, : sizes.shape[1]] * sizes[:, None] for sizes in more]
     causes = np.concatenate(smooth, axis=2)
     stated = campaign.metadata
     residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
@@ -224,13 +226,18 @@ def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
     yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(x.shape[1]), 2))
 
 
-def _conditions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
-    """Yield conditions, centred and over their spread, and sessions but one; a missing cell stands in the middle."""
-    for values in campaign.conditions.values():
+def _conditions(campaign: Campaign, rows: Indices, kind: str = "") -> Iterator[FloatArray]:
+    """Yield conditions, of one kind or all, centred and over their spread; a missing cell stands in the middle."""
+    kind_of = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
+    for name, values in campaign.conditions.items():
         known = values[rows]
         spread = float(np.nanstd(known)) if np.isfinite(known).any() else 0.0
-        if spread > 0.0:
+        if spread > 0.0 and kind in ("", kind_of[name]):
             yield np.nan_to_num((known - np.nanmean(known)) / spread)
+
+
+def _sessions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
+    """Yield all sessions but the first, 1 in their rows."""
     for session in list(campaign.rows_by_session().values())[1:]:
         yield np.isin(rows, session).astype(float)
 

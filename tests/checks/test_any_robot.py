@@ -180,6 +180,26 @@ def test_what_goes_by_a_drive_s_own_place_is_no_noise(machine):
             assert "noise_too_small" not in codes(check_campaign(told, machine.drawing))
 
 
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
+def test_links_that_grow_when_warm_are_no_noise(machine):
+    """Upper arm and forearm of aluminium; where they point is written down by hand."""
+    campaign, random = machine.campaign, np.random.default_rng(0)
+    turn, upper, fore = campaign.drives[:, 0], campaign.drives[:, 1], campaign.drives[:, 1:3].sum(axis=1)
+    along = np.array(
+        [
+            [0.60 * np.cos(turn) * np.sin(upper), 0.60 * np.sin(turn) * np.sin(upper), 0.60 * np.cos(upper)],
+            [0.62 * np.cos(turn) * np.cos(fore), 0.62 * np.sin(turn) * np.cos(fore), -0.62 * np.sin(fore)],
+        ]
+    )
+    warm = dict(zip(("upper_arm", "elbow"), 25.0 + 12.0 * random.normal(size=(2, len(campaign))), strict=True))
+    grown = sum(23e-6 * (rise - 20.0) * own for rise, own in zip(warm.values(), along, strict=True))
+    position = campaign.position_m + grown.T @ TRUE_FRAMES.T_tracker_base.rotation.T
+    hot = damaged(campaign, position_m=position, rotation_vector_rad=None, conditions=campaign.conditions | warm)
+    assert "noise_too_small" not in codes(check_campaign(hot, machine.drawing))
+    without = damaged(hot, conditions=campaign.conditions)
+    assert "noise_too_small" in codes(check_campaign(without, machine.drawing))
+
+
 def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
     sessions = np.arange(len(machine.campaign)) // 20
     moved = 8.0 * SIGMA * np.random.default_rng(0).normal(size=(sessions[-1] + 1, 3))
