@@ -14,7 +14,7 @@ from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import check_ending
 from pouring_robot.io.quantities import LIMITS, Quantity
 from pouring_robot.io.tables import CSV_SUFFIXES, PARQUET_SUFFIXES, csv_text
-from pouring_robot.io.temperatures import HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K
+from pouring_robot.io.temperatures import SURROUNDINGS_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.io.units import OF_UNIT, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
@@ -129,7 +129,8 @@ def _kind(fact: str, key: str) -> Any:
     return {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}.get(fact, Size)
 
 
-_TEMPERATURE, _HOTTEST_K = "reference_temperature_degC", HOTTEST_SURROUNDINGS_DEGC + ZERO_CELSIUS_K
+_TEMPERATURE = "reference_temperature_degC"
+_COLDEST_K, _HOTTEST_K = (round(limit + ZERO_CELSIUS_K, 2) for limit in SURROUNDINGS_DEGC)
 _FIELDS: dict[str, Any] = {
     "robot": (str | None, None),
     "description": (str, ""),
@@ -137,7 +138,7 @@ _FIELDS: dict[str, Any] = {
     "drives": _section("drives", approach=(Approach, "stated")),
     **{name: _section(name) for name in ("truss", "ladle")},
     _TEMPERATURE: (Surroundings | None, None),
-    "reference_temperature_K": (Annotated[float, Field(ge=0.0, le=_HOTTEST_K)] | None, None),
+    "reference_temperature_K": (Annotated[float, Field(ge=_COLDEST_K, le=_HOTTEST_K)] | None, None),
 }
 _FILE: Any = pydantic.create_model("_FILE", __base__=_Section, **_FIELDS)
 _FILE.keys = {_TEMPERATURE: (_TEMPERATURE, "reference_temperature_K")}

@@ -11,8 +11,8 @@ REFERENCE_DEGC = 20.0
 """At which parts have the lengths of the drawing and a hall is taken to be, where no file says otherwise."""
 HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
-HOTTEST_SURROUNDINGS_DEGC = 150.0
-"""Hotter than any hall; 293, room temperature in K, lies beyond it."""
+SURROUNDINGS_DEGC = -90.0, 150.0
+"""Colder than any place on Earth (-89.2, Vostok 1983), and hotter than any hall: 20 K and 293 °C lie beyond."""
 
 
 def reference_degC(stated: float | None) -> float:
@@ -30,12 +30,15 @@ def kelvin(value_degC: float, what: str = "temperature", *, surroundings: bool =
 
 def temperature_fault(value_degC: float, *, surroundings: bool = False) -> str:
     """Return why a value in °C is no temperature of a part or a melt (or of surroundings), or "" if it is one."""
-    if surroundings and value_degC > HOTTEST_SURROUNDINGS_DEGC:
-        beyond = f"is hotter than any surroundings (limit {HOTTEST_SURROUNDINGS_DEGC:g} degC)"
+    coldest, hottest = SURROUNDINGS_DEGC
+    if surroundings and value_degC > hottest:
+        beyond = f"is hotter than any surroundings (limit {hottest:g} degC)"
     elif value_degC > HOTTEST_DEGC:
         beyond = f"is hotter than any melt (limit {HOTTEST_DEGC:g} degC)"
     elif value_degC < ABSOLUTE_ZERO_DEGC:
         beyond = "lies below absolute zero"
+    elif surroundings and value_degC < coldest:
+        beyond = f"is colder than any surroundings (limit {coldest:g} degC)"
     else:
         return ""
     return f"{value_degC:g} degC {beyond}; check value and unit"
