@@ -47,7 +47,7 @@ def regress(
     positions = pages.read_positions(poses, names) if poses is not None else None
     selector = {"n_clusters": groups, "lambda_cut": cut, "similarity": similarity}
     found = pages.regress(errors, positions, axis=axis or "", method=method, **selector)
-    written = [found.model().save(out)] if out is not None else []
+    written = [found.model().save(out, overwrite=options.OVERWRITE.get())] if out is not None else []
     if out is not None and found.foreign_inputs:
         options.note(
             f"pose and compensate cannot take {out}: it depends on {', '.join(found.foreign_inputs)}, and they give "

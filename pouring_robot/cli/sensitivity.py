@@ -55,7 +55,7 @@ def sensitivity(
         options.note(said)
     with progress.stage_bars() as show:
         found = study(model, request, show)
-        written = found.save(out) if out is not None else []
+        written = found.save(out, overwrite=options.OVERWRITE.get()) if out is not None else []
     if as_json:
         return options.print_figures(found.figures(), written)
     options.say(found.headline, style="bold")

@@ -152,10 +152,13 @@ class MeasurementPlan(Result):
         """Return the plan's file as text, in the order to measure."""
         return csv_text(*self.table())
 
-    def save(self, path: Path | str) -> Path:
-        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all; raises OutputError if not."""
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.
+
+        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        """
         check_ending(Path(path), CSV_SUFFIXES)
-        return write_whole(path, self.csv())
+        return write_whole(path, self.csv(), overwrite=overwrite)
 
     def figures(self) -> dict[str, Any]:
         """Return everything worth knowing about the plan, ready for JSON, in the units people use."""

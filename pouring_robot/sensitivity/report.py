@@ -194,11 +194,11 @@ class SensitivityReport(Result):
             "class_rad": _class(angle, _NOTHING_RAD),
         }
 
-    def save(self, folder: Path | str) -> list[Path]:
+    def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
         """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
 
         Raises:
-            OutputError: the folder cannot be written to.
+            OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
         """
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.samples import box_plots, distributions
@@ -235,7 +235,7 @@ class SensitivityReport(Result):
         links = {"a row an error": "sensitivity.csv", "all figures": "sensitivity.json"}
         title = f"Sensitivity of {self.robot}"
         files[folder / "report.html"] = html_page(title, title, blocks, links=links)
-        return list(write_together(files))
+        return list(write_together(files, overwrite=overwrite))
 
 
 def _strongest(row: dict[str, Any]) -> int:

@@ -97,8 +97,11 @@ class PoseHeat(Result):
         """One row a part."""
         return [{"part": part, **figures} for part, figures in self.parts.items()]
 
-    def save(self, path: Path | str) -> Path:
-        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm."""
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
+
+        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        """
         field = self.field
         rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, str, str]] = []
@@ -108,7 +111,8 @@ class PoseHeat(Result):
         platforms = {"platform": field.platform_elements_degC, "fixed_platform": field.fixed_platform_elements_degC}
         for part, cells in platforms.items():
             rows += [(part, f"cell_{n}", "", f"{value:.6f}") for n, value in enumerate(cells, start=1)]
-        return write_whole(path, csv_text(("part", "element", "from_upper_joint_mm", "temperature_degC"), rows))
+        headings = "part", "element", "from_upper_joint_mm", "temperature_degC"
+        return write_whole(path, csv_text(headings, rows), overwrite=overwrite)
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
@@ -215,9 +219,13 @@ class ShiftHeat(Result):
         columns["tilt_moved_mrad"] = [difference.rotation_rad[1] / MRAD for difference in at_end]
         return columns
 
-    def save(self, path: Path | str) -> Path:
-        """Write one row a time as CSV."""
-        return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write one row a time as CSV.
+
+        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        """
+        table = self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n")
+        return write_whole(path, table, overwrite=overwrite)
 
     def figures(self) -> dict[str, Any]:
         """Return every row, ready for JSON."""

@@ -21,7 +21,7 @@ from pouring_robot.design.request import PlanRequest, expected_size, planned_par
 from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
@@ -508,6 +508,8 @@ def test_random_visits_have_the_same_effort(robot):
 def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     path = tmp_path / "plan.csv"
     visited.save(path)
+    with pytest.raises(OutputError, match="there already"):
+        visited.save(path)
     read = read_plan(path, robot)
     got = np.array([[*p.position_m, p.tilt_rad] for p in read.poses])
     assert got == pytest.approx(visited.poses, abs=1e-12)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, OutputError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
@@ -166,6 +166,8 @@ def test_everything_is_written(pouring, tmp_path):
     assert len(record["parameters"]) == 200 and record["poses"] == 300
     assert (record["seed"], record["box"]) == (5, [])
     assert len(pouring.to_frame()) == 200
+    with pytest.raises(OutputError, match="there already"):
+        pouring.save(tmp_path / "out")
     table = {(row["chain"], row["transform"]): row for row in record["dh_table"]}
     assert len(table) == 32 and table[1, "34"]["joint"] == "leg1_s3" and table[4, "56"]["drops_out"] == ""
     # Leg 1's foot: 330 mm and 182.5 mm from o.

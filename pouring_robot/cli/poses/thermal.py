@@ -162,7 +162,7 @@ def thermal(
         values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         words = f"measured temperatures of the model file take the place of computed ones in growth: {values}"
         told.append(Paragraph(words))
-    written = [found.save(csv)] if csv else []
+    written = [found.save(csv, overwrite=options.OVERWRITE.get())] if csv else []
     if png:
         from pouring_robot.report.plots import png_of
 

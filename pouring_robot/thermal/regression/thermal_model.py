@@ -147,15 +147,16 @@ class ThermalModel(StrictModel):
         """Read a thermal-model file."""
         return validate(cls, read_yaml(Path(path)), Path(path))
 
-    def save(self, path: Path | str) -> Path:
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
         """Write the file.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: it cannot be written, or is there already and ``overwrite`` is not set.
         """
         import yaml
 
-        return write_whole(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True))
+        text = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+        return write_whole(path, text, overwrite=overwrite)
 
     def displacement_m(self, melt_degC: float, pose: Mapping[str, float]) -> FloatArray:
         """Return what heat adds to the position, shape (3,), in m, at a temperature of the melt and a pose.
