@@ -76,16 +76,14 @@ class DiagnosisOptions:
 
     def __post_init__(self) -> None:
         count = whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
-        expect(self.false_names, Real, "the rate of false names is a share between 0 and 1")
-        if not 0.0 < self.false_names < 1.0:
-            raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
+        rate = Thresholds(self.false_names).false_names
         if self.made_within is not None:
             said = "what joints are made within is a length in mm, more than 0"
             expect(self.made_within, Real, said)
             if not 0.0 < self.made_within < math.inf:
                 raise BadInputError(f"{said}, not {self.made_within:g}")
             object.__setattr__(self, "made_within", float(self.made_within))
-        for name, plain in {"next_count": count, "false_names": float(self.false_names)}.items():
+        for name, plain in {"next_count": count, "false_names": rate}.items():
             object.__setattr__(self, name, plain)  # the report's JSON takes no numbers of numpy's
 
 

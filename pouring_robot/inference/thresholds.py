@@ -8,12 +8,15 @@ are worth: docs/blind_trials.md, "What each choice is worth".
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from scipy.special import ndtri
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.io.given import expect
 from pouring_robot.io.seeds import CHANCE_SEED
 
 CHANCE_DRAWS = 1000
@@ -24,7 +27,7 @@ _POWER = 0.8
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When something counts."""
+    """When something counts; a BadInputError where the rate of false names is no share."""
 
     # rate of false names that is accepted where nothing is missing. What is not at work is seen with a Bayes factor of
     # K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the forms of an effect
@@ -47,6 +50,13 @@ class Thresholds:
     # ... in nats, so much by itself, and so much more than a larger one whose size varies: else it corrects that one's
     # form. Chosen: the rate of false names is of noise, and says nothing of forms that are not quite right
     minor_evidence: float = 25.0
+
+    def __post_init__(self) -> None:
+        said = "the rate of false names is a share between 0 and 1"
+        expect(self.false_names, Real, said)
+        if not 0.0 < self.false_names < 1.0:
+            raise BadInputError(f"{said}, not {self.false_names:g}")
+        object.__setattr__(self, "false_names", float(self.false_names))  # JSON takes no numbers of numpy's
 
     @property
     def least_evidence(self) -> float:

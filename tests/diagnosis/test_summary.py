@@ -406,7 +406,7 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
     deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
     assert excluded.remainder
     assert deaf.clear_structures == tuple(s for s in deaf.structures if s.evidence > deaf.structure_evidence)
-    keen = replace(excluded.judgement, thresholds=Thresholds(false_names=1e308))
+    keen = replace(excluded.judgement, thresholds=Thresholds(false_names=1.0 - 1e-9), tried=1)
     assert {*keen.beaten} == {c.effect for c, _ in excluded.judgement.challenged}
     assert not replace(deaf, challenges=()).beaten
 
