@@ -68,9 +68,9 @@ class Split:
 def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
     """Split a campaign, but for rows that no fit should use; which components were measured counts, never their values.
 
-    The test block is the last session or stretch of time, or, of the regions that the other rows can foretell, the one
-    whose first row comes last. Of themselves (``auto``) blocks are sessions if there are four or more, the last large
-    enough, else regions.
+    The test block is the last session or stretch of time, or, of the regions that are large enough and that the other
+    rows can foretell, the one whose first row comes last. Of themselves (``auto``) blocks are sessions if there are
+    four or more, the last large enough, else regions.
 
     Raises:
         CalibrationError: there are too few rows, or the last block, of regions each, alone tells where tracker and
@@ -86,17 +86,18 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
     frames = _frame_columns(campaign)
     for kind in kinds:
         parts = list(blocks(campaign, kind, left_out).items())
-        last = parts[-1][1].size if parts else 0
-        train = sum(rows.size for _, rows in parts[:-1])
+        sizes = [rows.size for _, rows in parts]
+        last, train = sum(sizes[-1:]), sum(sizes[:-1])
         told = [_inner_products(frames[rows]) for _, rows in parts]
-        few = len(parts) < 3 or train < _FEWEST_TRAIN or last < _FEWEST_TEST
-        for k in () if few else range(len(parts) - 1, -1 if kind == "region" else len(parts) - 2, -1):
+        from_last = reversed(range(len(parts)) if kind == "region" else range(len(parts))[-1:])
+        large = [k for k in from_last if sizes[k] >= _FEWEST_TEST and sum(sizes) - sizes[k] >= _FEWEST_TRAIN]
+        for k in large if len(parts) > 2 else ():
             others = [j for j in range(len(parts)) if j != k]
-            if parts[k][1].size >= _FEWEST_TEST and foretold([told[j] for j in others], told[k]):
+            if foretold([told[j] for j in others], told[k]):
                 folds, theirs = zip(*((parts[j][1], told[j]) for j in others), strict=True)
                 return Split(kind, parts[k][1], parts[k][0], folds, theirs)
     other = "" if kind == "region" else ", or choose --hold-out region"
-    if few:
+    if len(parts) < 3 or not large:
         raise CalibrationError(
             f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
             f"(there are {max(len(parts) - 1, 0)}), and {_FEWEST_TEST} rows to test (there are {last})",

@@ -58,6 +58,16 @@ def test_too_few_rows_are_refused(clean):
         split(clean.campaign.subset(range(12)), NONE)
 
 
+def test_whether_a_few_rows_can_be_split_does_not_hang_on_their_order(clean):
+    """Of 16 rows two regions have two, too few to test by: one of four is held out, whichever comes last."""
+    random = np.random.default_rng(0)
+    few = clean.campaign.subset(range(16))
+    assert sorted(rows.size for rows in blocks(few, "region").values()) == [2, 2, 4, 4, 4]
+    for _ in range(10):
+        parts = split(few.subset(random.permutation(16)), NONE)
+        assert (parts.test.size, parts.train.size) == (4, 12)
+
+
 def test_blocks_are_whole(real):
     campaign = real.campaign
     for kind, count in (("time", 5), ("region", 5), ("session", 1)):
