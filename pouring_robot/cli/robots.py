@@ -41,6 +41,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
         "campaign_columns": {drive.joint: drive.column for drive in robot.model.definition.drives},
         "displaced_joints": sorted(robot.model.joint_placements),
         "unseen_displacements": list(robot.unseen_displacements),
+        "idle_drives": list(robot.idle_drives),
     }
     if isinstance(robot, PouringRobot):
         lower, upper = robot.layout.box
@@ -122,7 +123,8 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
         called = "" if column == name else f"; {column} in campaigns"
         if command := geared.get(name):
             called = f"; {column}_{'mm' if command == 'length' else 'deg'} in campaigns, the {command} of its motor"
-        options.say(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}")
+        idle = "; moves nothing between base and end body" if name in robot["idle_drives"] else ""
+        options.say(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}{idle}")
     if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
         box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)

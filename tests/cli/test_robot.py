@@ -169,6 +169,30 @@ def test_of_a_drive_with_a_gear_the_column_holds_the_motor(run, tmp_path, urdf):
     assert "'mm' is no unit of the angle of the motor, which this column holds for the slide; write reach_rad" in err
 
 
+def test_drives_that_move_nothing_between_base_and_end_body_are_said_to(run, tmp_path):
+    """A nut leads a quill, a wrist turns beyond what is measured, and a table is moved under all of it."""
+    joint = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/>{}</joint>"""
+    joints = [
+        joint.format("table", "prismatic", "bed", "bench", ""),
+        joint.format("nut", "revolute", "bed", "ring", ""),
+        joint.format("quill", "prismatic", "bed", "tip", '<mimic joint="nut" multiplier="0.01"/>'),
+        joint.format("wrist", "revolute", "tip", "hand", ""),
+    ]
+    links = "".join(f'<link name="{name}"/>' for name in ("bed", "bench", "ring", "tip", "hand"))
+    (tmp_path / "mill.urdf").write_text(f'<robot name="mill">{links}{"".join(joints)}</robot>', encoding="utf-8")
+    drives = "drives: [{joint: table}, {joint: nut}, {joint: wrist}]"
+    file = f"format: pouring_robot/robot/1\nname: mill\nurdf: mill.urdf\nbase_frame: bench\nend_frame: tip\n{drives}\n"
+    (tmp_path / "robot.yaml").write_text(file, encoding="utf-8")
+    model = "format: pouring_robot/model/1\nrobot: robot.yaml\njoint_placements: {table: {rotation_mrad: [1, 0, 0]}}\n"
+    (tmp_path / "model.yaml").write_text(model, encoding="utf-8")
+    _, out, _ = run("robots", "--model", tmp_path / "model.yaml")
+    assert [line for line in out.splitlines() if "moves nothing" in line] == [
+        "  drive wrist: -57.2958 … 57.2958 deg; moves nothing between base and end body"
+    ]
+    assert "1.000 mrad off" in run("pose", "--model", tmp_path / "model.yaml", "--drives", "0 0 0")[1]
+
+
 def test_a_missing_drive_value_is_named(run, tmp_path):
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,,90,0\n")
     code, _, err = run("path", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml")
