@@ -34,6 +34,7 @@ def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
         _row_count,
         _missing_drives,
         _repeated_rows,
+        _no_lengths,
         _stuck_measurements,
         _stuck_drives,
         _stuck_temperatures,
@@ -109,6 +110,15 @@ def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
     if copies.size:
         message = f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit"
         yield found(campaign, FlagCode.REPEATED_ROWS, message, copies, metrics={"rows": float(copies.size)})
+
+
+def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find distances of zero or less."""
+    values = campaign.quantity(columns.DISTANCE)
+    rows = np.flatnonzero([] if values is None else values <= 0.0)
+    if rows.size:
+        message = f"{where(campaign, rows)}: a distance of 0 or less, which has no direction and tells nothing"
+        yield found(campaign, FlagCode.NO_LENGTH, message, rows, [columns.DISTANCE], {"rows": float(rows.size)})
 
 
 def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:

@@ -55,6 +55,11 @@ class FlagCode(enum.StrEnum):
         _WARNING,
         "copies are left out, as a second measurement would differ by its noise; remove them from the file",
     )
+    NO_LENGTH = (
+        "no_length",
+        _WARNING,
+        "if the device was set to zero there, add the length that it then had to all; else empty these cells",
+    )
     STUCK_COLUMN = (
         "stuck_column",
         _WARNING,

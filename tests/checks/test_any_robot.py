@@ -211,6 +211,20 @@ def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
     assert "noise_too_small" in codes(check_campaign(without, machine.drawing))
 
 
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
+def test_distances_of_nothing_are_told(machine):
+    """Of a draw wire that was set to zero in the first pose."""
+    length = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
+    wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
+    assert "no_length" not in codes(check_campaign(damaged(wire, distance_m=length), machine.drawing))
+    (flag,) = (
+        flag
+        for flag in check_campaign(damaged(wire, distance_m=np.abs(length - length[0])), machine.drawing)
+        if flag.code is FlagCode.NO_LENGTH
+    )
+    assert flag.rows == (0,) and "line 2" in flag.message
+
+
 DAMAGES = {
     "position_unit": lambda c: damaged(c, position_m=c.position_m * 1000.0),
     "frames_swapped": inverse,
