@@ -166,7 +166,10 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(workspace, fit.unknowns, fit.inflated_covariance, located=located, turned=turned),
+        ladle=replace(
+            ladle_uncertainty(workspace, fit.unknowns, fit.inflated_covariance, located=located, turned=turned),
+            freedoms=fit.interval_freedoms,
+        ),
         performance=pose_performance(measured, before, after, alike),
     )
 

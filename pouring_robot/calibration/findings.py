@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -146,6 +146,7 @@ class Movement(Estimate):
     value: float
     std: float
     prior_std: float
+    freedoms: float = field(default=math.inf, kw_only=True)
 
     @property
     def surprise(self) -> float:
@@ -176,7 +177,8 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     for k, (group, parameter) in enumerate(names, start=FRAMES):
         unit, factor = shown_in(parameter.unit)
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
-        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, float(fit.learnt[k])))
+        learnt, freedoms = float(fit.learnt[k]), fit.interval_freedoms
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, learnt, freedoms=freedoms))
     return lines
 
 
@@ -225,6 +227,6 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
         std = float(np.sqrt(shares @ covariance @ shares))
         prior = float(np.linalg.norm(shares * fit.prior_std))
-        value = float(shares @ fit.unknowns.values)
-        lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))
+        sizes = (size / factor for size in (float(shares @ fit.unknowns.values), std, prior))
+        lines.append(Movement(combination_text(combination), unit, *sizes, freedoms=fit.interval_freedoms))
     return sorted(lines, key=lambda line: -line.surprise)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.intervals import Z95
+from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
@@ -136,11 +137,12 @@ class LadleUncertainty:
     tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
     std_m: FloatArray  # of x, y and z in axes of the tracker, or of the base, shape (n, 3), in m
     located: bool  # whether the device saw where the target was, so that the axes are the tracker's
+    freedoms: float = math.inf  # degrees of freedom that tell the standard deviations
 
     @property
     def half_width_m(self) -> FloatArray:
         """Half the 95 % interval of the worst coordinate of each pose, shape (n,), in m."""
-        return np.asarray(Z95 * self.std_m.max(axis=1))
+        return np.asarray(deviations95(self.freedoms) * self.std_m.max(axis=1))
 
 
 def workspace_rows(model: MeasurementModel) -> ModelledRows:

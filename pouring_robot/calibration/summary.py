@@ -19,7 +19,7 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
-from pouring_robot.estimation.intervals import Z95
+from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import counted, some
 from pouring_robot.io.figures import without_nan
@@ -261,7 +261,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     ladle = calibration.ladle
     if not len(ladle.position_m):
         return {"poses": 0}
-    half = ladle.half_width_m / MM
+    half, noise = ladle.half_width_m / MM, deviations95(ladle.freedoms) * calibration.noise.length_m / MM
     worst = int(np.argmax(half))
     pose = dict(zip(("x_mm", "y_mm", "z_mm"), (ladle.position_m[worst] / MM).tolist(), strict=True))
     if ladle.tilt_rad is not None:
@@ -270,7 +270,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
         "poses": len(half),
         "axes": "tracker" if ladle.located else "base",
         "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
-        "with_noise95_mm": {"median": float(np.median(np.hypot(half, Z95 * calibration.noise.length_m / MM)))},
+        "with_noise95_mm": {"median": float(np.median(np.hypot(half, noise)))},
         "worst_pose": pose,
     }
 

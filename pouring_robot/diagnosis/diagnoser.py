@@ -220,7 +220,7 @@ class Diagnoser:
                     from_others = form.told(self.fitted)
                     told, spread = from_others @ told, from_others @ spread @ from_others.T
                 values = zip(form.parameters, told.tolist(), np.sqrt(np.diag(spread)).tolist(), strict=True)
-                found.append((group.key, tuple(FoundParameter(*each) for each in values)))
+                found.append((group.key, tuple(FoundParameter(*each, self.rows.noise.freedoms) for each in values)))
         return found
 
     def named(self, hypothesis: Hypothesis, causes: Iterable[Cause]) -> tuple[NamedEffect, ...]:

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -102,8 +103,9 @@ class Findings:
         once: dict[EffectParameter, FoundParameter] = {}
         for found in effect.parameters:
             p, have = found.parameter, once.get(found.parameter)
-            both = FoundParameter(p, have.value + found.value, math.hypot(have.std, found.std)) if have else found
-            once[p] = both
+            once[p] = found
+            if have:
+                once[p] = replace(found, value=have.value + found.value, std=math.hypot(have.std, found.std))
         names = [p.name for p in once]
         forms = [form for (known, _), form in self.diagnoser.library.forms.items() if known == effect.cause.effect]
         of = {p: f" ({form.name})" for form in reversed(forms) for p in form.parameters if names.count(p.name) > 1}
@@ -112,5 +114,6 @@ class Findings:
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
         """Return what the parameters of an effect say together, a sentence each."""
         found = self.parameters_of(effect)
-        values, stds = ({name: getattr(p, which) for name, p in found} for which in ("value", "std"))
+        values, halves = ({name: getattr(p, which) for name, p in found} for which in ("value", "half_width"))
+        stds = {name: half / Z95 for name, half in halves.items()}  # of normal values, which it tells them as
         return self.diagnoser.library.effects[effect.cause.effect].in_words(values, stds)

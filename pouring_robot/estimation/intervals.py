@@ -8,8 +8,15 @@ Where standard deviations come from: of all unknowns of a calibration, ``inflate
 
 import math
 
+from scipy.special import stdtrit
+
 Z95 = 1.959963984540054
 """Half the 95 % interval of a normal value in standard deviations: its quantile of 0.975."""
+
+
+def deviations95(freedoms: float) -> float:
+    """Return half the 95 % interval in standard deviations that so many degrees of freedom tell: Student's t."""
+    return Z95 if math.isinf(freedoms) else float(stdtrit(freedoms, 0.975))
 
 
 class Estimate:
@@ -17,11 +24,12 @@ class Estimate:
 
     value: float
     std: float
+    freedoms: float  # degrees of freedom that tell the standard deviation; infinite where it is known
 
     @property
     def half_width(self) -> float:
         """Half of the 95 % interval."""
-        return Z95 * self.std
+        return deviations95(self.freedoms) * self.std
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -34,9 +42,9 @@ class Estimate:
         return abs(self.value) > self.half_width
 
 
-def value_and_half_width(value: float, std: float) -> tuple[str, str]:
-    """Return a value and its 95 % half width as text, two digits of the latter."""
-    half = Z95 * std
+def value_and_half_width(value: float, std: float, freedoms: float = math.inf) -> tuple[str, str]:
+    """Return a value and its 95 % half width as text, two digits of the latter; ``freedoms`` tell the std."""
+    half = deviations95(freedoms) * std
     digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
     digits = min(max(digits, 0), 6)
     return f"{value:+.{digits}f}", f"{half:.{digits}f}"

@@ -12,6 +12,7 @@ the measurements cannot tell: :mod:`pouring_robot.estimation.identifiability`.
 """
 
 import functools
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,6 +131,11 @@ class Fit:
         freedom = self.freedom()
         accident = freedom <= 1.0 or chance_of(self.chi_square(), freedom, self.noise_freedoms) >= _SURE
         return 1.0 if accident else self.scatter()
+
+    @property
+    def interval_freedoms(self) -> float:
+        """Degrees of freedom that tell the standard deviations: those of the noise, unless residuals enlarge them."""
+        return self.noise_freedoms if self.inflation == 1.0 else math.inf
 
     @property
     def inflated_covariance(self) -> FloatArray:

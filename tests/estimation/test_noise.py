@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import kstest
+from scipy.stats import binomtest, kstest
 
+from pouring_robot.calibration.findings import Movement
 from pouring_robot.estimation import map_fit
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.map_fit import identify, noise_left_over
@@ -61,6 +62,18 @@ def test_chance_is_as_often_as_it_says(noise_freedoms):
     variance = random.chisquare(noise_freedoms if known else 1.0, 4000) / noise_freedoms if known else np.ones(4000)
     chances = [chance_of(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
     assert kstest(chances, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("readings", [5, 9])
+def test_intervals_hold_as_often_as_they_say_where_readings_of_one_pose_tell_the_noise(readings):
+    random, held = np.random.default_rng(4), []
+    for _ in range(4000):
+        seen = MeasuredPoses(random.normal(size=(readings, 3)), np.full((readings, 3, 3), np.nan), 1.0, 1.0)
+        noise = repeat_noise(seen, [np.arange(readings)])[0]
+        held.append(
+            not Movement("x", "mm", 0.2 * random.normal(), 0.2 * noise.sigma, 1.0, freedoms=noise.freedoms).moved
+        )
+    assert binomtest(sum(held), len(held), 0.95).pvalue > 1e-3  # by normal deviations 92.7 and 94.1 %
 
 
 def test_exact_repeats_do_not_tell_the_noise():

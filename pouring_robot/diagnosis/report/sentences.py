@@ -212,7 +212,7 @@ def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
 
 def parameter_text(name: str, found: FoundParameter) -> str:
     """Return a parameter with its 95 % half width and unit."""
-    value, half = value_and_half_width(found.value, found.std)
+    value, half = value_and_half_width(found.value, found.std, found.freedoms)
     return f"{plain(name)} {value} ± {half} {found.parameter.unit}"
 
 
