@@ -37,7 +37,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
     loads = Loads(
         gravity=True,
         payload_kg=payload_kg,
-        payload_frame="ladle",
+        payload_frame=robot.model.definition.payload_frame,
         payload_centre_m=(0.0, 0.0, -0.5 * ladle.height.metres),
         drive_stiffness={name: axial[name] for name in legs} | {tilt: stiffness.tilt_drive},
     )

@@ -62,7 +62,8 @@ class Robot:
 
     It stands cold and without effects that depend on conditions: where the model tells of them, a warning says so;
     ``robots_under`` applies them.
-    ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
+    ``loads``, weight and yielding drives, act on the actual robot, a payload at the robot file's ``payload_frame``
+    where they name none; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
     drawing would pass its limits (the pouring robot: or one as built), NoSolutionError where no pose answers it; the
     constructor BadInputError where the model names a joint or drive that the robot does not have.
@@ -91,6 +92,7 @@ class Robot:
         if self.drawing.mechanism.loops.redundant_drives:
             options = replace(options, most_disagreement_m=self.model.definition.most_disagreement_m)
         self.nominal_solver = ClosureSolver(self.drawing.mechanism, options=options)
+        loads = replace(loads, payload_frame=loads.payload_frame or self.model.definition.file.payload_frame)
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
 
     @classmethod

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -124,3 +125,22 @@ def test_drives_by_name_are_all_of_them(crooked):
         crooked.actual_drives(told)
     with pytest.raises(BadInputError, match="'elbow' is no drive"):
         crooked.actual_drives({**told, "elbow": 0.0})
+
+
+def test_a_payload_hangs_where_the_robot_file_says():
+    """The force on each leg of the hexapod is the work that its stretch does on the load, 0.1 m above the table."""
+    robot, stiffness, payload_kg = Robot.load(ROBOTS / "hexapod" / "robot.yaml"), 1e9, 100.0
+    legs = robot.drawing.mechanism.loops.drives
+    drives = np.array(robot.model.definition.home_drives) + 0.02 * np.array([1, -1, 2, 0, 1, -2])
+
+    def stretch(**payload):
+        loads = Loads(gravity=True, drive_stiffness=dict.fromkeys(legs, stiffness), **payload)
+        joints = Robot(robot.model, loads).location_at(drives).actual.joint_values
+        return np.array([joints[leg] for leg in legs]) - drives
+
+    def height(change):
+        return robot.location_at(drives + change).actual.pose("base", "load_centre").translation[2]
+
+    rises = [(height(step) - height(-step)) / 2e-5 for step in 1e-5 * np.eye(6)]
+    found = stretch(payload_kg=payload_kg) - stretch()
+    np.testing.assert_allclose(found, -payload_kg * 9.80665 / stiffness * np.array(rises), rtol=1e-3, atol=1e-11)

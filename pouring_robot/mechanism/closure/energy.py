@@ -45,7 +45,7 @@ class Loads:
 
     gravity: bool = False  # whether the links' weight acts, along -z of the world
     payload_kg: float = 0.0  # mass carried in addition to the URDF's links
-    payload_frame: str | None = None  # frame that carries it; None: the loops file's end frame
+    payload_frame: str | None = None  # that carries it; None: the robot file's, else the loops file's end frame
     payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its centre of mass in that frame, in m
     # stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
