@@ -183,7 +183,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     robot, engine = campaign.robot, drawing.engine
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
     place = mechanism.placement_on_end(robot.payload_frame).translation
-    if robot.causes and not robot.causes.own_weight:  # else the end body is among the links, and no ladle hangs on it
+    if not robot.own_weight:  # else the end body is among the links, and no ladle hangs on it
         place = campaign.metadata.ladle_centre_of_mass_m or place
     rest, lifted = seen_from_rest(engine, closed)
     moved = rest.transfer(lifted, drive_parameters(mechanism)).matrix

@@ -7,7 +7,6 @@ import numpy as np
 
 from pouring_robot.batch import BatchClosure, Engine, seen_from_rest
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.local_parameters import drive_parameters
@@ -45,7 +44,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     rest, lifted = seen_from_rest(engine, closure)
     moved = rest.transfer(lifted, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
-    own = causes_of(robot).own_weight
+    own = robot.own_weight
     configurations = engine.structure.configurations(closure.joints) if own else closure.joints
     return NominalRows(
         robot,

@@ -24,7 +24,6 @@ from pouring_robot.effects.conditions import (
     forces_measured,
     told,
 )
-from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.nominal_rows import NominalRows
 from pouring_robot.estimation.changes import RowChanges
@@ -168,7 +167,7 @@ def learned_ranges(effect: Effect, learned: LearnedCampaign, robot: RobotDefinit
 
     Where it goes by forces that were worked out, a load that the campaign did not say was taken to be none.
     """
-    worked_out = causes_of(robot).own_weight and not forces_measured(robot, learned.ranges)
+    worked_out = robot.own_weight and not forces_measured(robot, learned.ranges)
     assumed = {LOAD: (0.0, 0.0)} if learned.ranges and worked_out and _goes_by_forces(effect) else {}
     return assumed | learned.ranges
 

@@ -228,6 +228,11 @@ class RobotDefinition:
         return self.file.payload_frame or str(self.loops.end_frame)
 
     @property
+    def own_weight(self) -> bool:
+        """Whether the links, the end body too, weigh on drives; else a campaign states the weight of a ladle on it."""
+        return self.causes is None or self.causes.own_weight
+
+    @property
     def most_disagreement_m(self) -> float:
         """How far redundant drives may disagree, in m, and still be the command of a pose."""
         return _MEASURED_FIT * self.reach_m
