@@ -10,7 +10,7 @@ from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionErr
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.seeds import Stream, generator
-from pouring_robot.io.temperatures import REFERENCE_DEGC
+from pouring_robot.io.temperatures import AMBIENT_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -154,11 +154,11 @@ def _random_conditions(robot: Robot, count: int, random: np.random.Generator) ->
             "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
             "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
         }
-    hall = REFERENCE_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count)
+    hall = AMBIENT_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count)
     conditions["ambient"] = np.round(hall, 2)
     for name in (part for part in robot.model.definition.expected_thermometers if part not in conditions):
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.
         warm, lag = random.uniform(40.0, 160.0), random.uniform(1800.0, 5400.0)
-        course = REFERENCE_DEGC + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)
+        course = AMBIENT_DEGC + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)
         conditions[name] = np.round(course, 2)
     return conditions

@@ -23,6 +23,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import LOADED, Robot
 
@@ -195,9 +196,11 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
 def facts_of(robot: Robot) -> dict[str, Any]:
     """Return what the metadata of a campaign may state of a robot, by their names there."""
     if not isinstance(robot, PouringRobot):
-        return {"target": robot.model.definition.loops.end_frame}
+        return {"target": robot.model.definition.loops.end_frame, "reference_temperature_degC": REFERENCE_DEGC}
     layout, ladle = robot.layout, robot.layout.ladle
+    properties = (robot.model.heat or HeatSection()).thermal_properties()
     return {
+        "reference_temperature_degC": properties.expansion.reference_temperature.value,
         "screw_pitch_m": _SCREW_PITCH_M,
         "truss_span_m": layout.truss_span_m,
         "ladle_tare_kg": ladle.tare.value,
@@ -219,7 +222,6 @@ def _campaign(
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
         sigma_position_m=_stated(options.sigma_position_m),
         sigma_rotation_rad=_stated(options.sigma_rotation_rad),
-        reference_temperature_degC=REFERENCE_DEGC,
         **facts_of(robot),
     )
     definition = robot.model.definition

@@ -14,7 +14,7 @@ from pouring_robot.effects.nominal_rows import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.io.temperatures import REFERENCE_DEGC
+from pouring_robot.io.temperatures import REFERENCE_DEGC, reference_degC
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.robot import Robot
@@ -122,7 +122,7 @@ class Columns:
             elif parameter.kind == "compliance":
                 rows[:, :, k] = column * force[:, drive, None]
             else:
-                warmth = conditions.leg_degC - REFERENCE_DEGC
+                warmth = conditions.leg_degC - reference_degC(self._facts.reference_temperature_degC)
                 rows[:, :, k] = column * (warmth * commanded[:, drive])[:, None]
         return rows
 

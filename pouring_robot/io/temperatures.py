@@ -8,7 +8,9 @@ ZERO_CELSIUS_K = 273.15
 """0 °C in K."""
 ABSOLUTE_ZERO_DEGC = -ZERO_CELSIUS_K
 REFERENCE_DEGC = 20.0
-"""At which parts have the lengths of the drawing and a hall is taken to be, where no file says otherwise."""
+"""At which parts have the lengths of the drawing, where no file says otherwise."""
+AMBIENT_DEGC = 20.0
+"""Of a hall, where no file says otherwise."""
 HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
 SURROUNDINGS_DEGC = -90.0, 150.0

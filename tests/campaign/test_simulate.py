@@ -13,6 +13,9 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import wrong_rows
 from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.campaign.simulated import measure
 
 PLAN = "x_mm,y_mm,z_mm,tilt_deg,session,payload_kg\n-100,0,-600,10,a,300\n-110,10,-610,12,a,\n-90,-10,-500,0,b,100\n"
@@ -77,6 +80,14 @@ def test_conditions_may_move_the_robot(drawing):
     for pose, drives, load in zip(measured.actual_poses, plan.drives, loads, strict=True):
         reached = drawing.location_at(drives + np.array([1e-5 * load, 0.0, 0.0, 0.0])).nominal.pose_base_to_end
         np.testing.assert_allclose(pose.translation, reached.translation, atol=1e-9)
+
+
+def test_says_at_which_temperature_the_heat_of_its_robot_has_the_drawing():
+    heat = HeatSection(properties={"expansion": {"reference_temperature": 22.0}})
+    robot = PouringRobot.without_warning(RobotModel(heat=heat))
+    stated = simulate_campaign(robot, random_plan(robot, 1, 0)).campaign.metadata.reference_temperature_degC
+    strains = {degC: heat.thermal_properties().strain(degC) for degC in (20.0, 22.0, 24.0)}
+    assert [degC for degC, strain in strains.items() if strain == 0.0] == [stated]
 
 
 def test_reads_a_plan_with_conditions(tmp_path, drawing):

@@ -28,6 +28,8 @@ from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drive import Drive
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -386,6 +388,21 @@ def test_backlash_and_expansion_columns_follow_the_drives(robot):
         assert backlash[:, 1] == pytest.approx(0.5 * drive[:, 1])
         assert not expansion[:, 0].any()
         assert expansion[:, 1] == pytest.approx(50.0 * lengths[:, [k - 1]] * drive[:, 1])
+
+
+def test_legs_do_not_grow_at_the_temperature_of_the_drawing():
+    """Which the properties of its heat say, and the growth at another is what their steel does from there."""
+    heat = HeatSection(properties={"expansion": {"reference_temperature": 30.0}})
+    robot = PouringRobot.without_warning(RobotModel(heat=heat))
+    planner = Planner(robot, PlanRequest(parameters=("drives",), leg_degC=(30.0, 70.0), **SMALL))
+    visits = [PlannedConditions(leg_degC=30.0), PlannedConditions(leg_degC=70.0)]
+    rows, _ = planner.columns.measured(planner.poses[:4], visits, NoiseLevel.stated(1.0, 1.0), np.zeros(3))
+    column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
+    properties = heat.thermal_properties()
+    growth = properties.strain(70.0) * robot.kinematics.commands(planner.poses[:4]).drives[:, :1]
+    found = properties.steel.expansion.value * column["expansion.leg1_s3"]
+    assert not found[:, 0].any()
+    assert found[:, 1] == pytest.approx(growth * column["drive.leg1_s3"][:, 1])
 
 
 def test_conditions_make_their_parameters_known(visited):

@@ -14,7 +14,7 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
 from pouring_robot.io.tables import read_table
-from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
+from pouring_robot.io.temperatures import AMBIENT_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -113,9 +113,7 @@ def _check_order(times: FloatArray) -> None:
             raise HistoryError(f"its time of {time:g} s does not come after {times[row - 2]:g} s; sort by time", row)
 
 
-def read_shift(
-    path: Path | str, default_ambient_degC: float = REFERENCE_DEGC
-) -> tuple[HeatHistory, PoseSchedule | None]:
+def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> tuple[HeatHistory, PoseSchedule | None]:
     """Read a history from a table, and the poses held where it has any.
 
     Columns: ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, if wanted ``ambient_degC``, and ``x_mm``, ``y_mm``,
