@@ -31,7 +31,7 @@ LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
 _FEWEST_FREEDOMS = 12
-_SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
+_SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
 
 
 @dataclass(frozen=True)

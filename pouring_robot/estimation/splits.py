@@ -14,11 +14,13 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.noise import commands
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -179,12 +181,13 @@ def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
 
 def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
-    spread = campaign.drives[rows].std(axis=0)
-    scaled = campaign.drives / np.where(spread > 0.0, spread, 1.0)
+    values = commands(campaign.drives)  # repeats of a pose are not parted
+    spread = values[rows].std(axis=0)
+    spread = np.where(spread > 0.0, spread, 1.0)
     whole, divisible = list[Indices](), [rows]
     while divisible and len(whole) + len(divisible) < BLOCKS:
         block = divisible.pop(int(np.argmax([part.size for part in divisible])))
-        halves = _halve(block, scaled)
+        halves = _halve(block, values, spread)
         if halves is None:
             whole.append(block)
         else:
@@ -192,11 +195,10 @@ def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     return sorted([*whole, *divisible], key=lambda block: int(block.min()))
 
 
-def _halve(rows: Indices, scaled: FloatArray) -> tuple[Indices, Indices] | None:
+def _halve(rows: Indices, commanded: NDArray[np.int64], spread: FloatArray) -> tuple[Indices, Indices] | None:
     """Split at the median of the widest drive; equal values stay together. None: all rows are the same pose."""
-    values = scaled[rows, np.argmax(np.ptp(scaled[rows], axis=0))]
-    # Repeats of a pose are commanded alike up to the file's last digit.
-    steps = np.unique(np.round(values, 6))
+    values = commanded[rows, np.argmax(np.ptp(commanded[rows], axis=0) / spread)]
+    steps = np.unique(values)
     if steps.size < 2:
         return None
     cuts = 0.5 * (steps[1:] + steps[:-1])

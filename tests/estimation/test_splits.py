@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.noise import repeats
 from pouring_robot.estimation.splits import _KNOWN, _frame_columns, _inner_products, blocks, foretold, split
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -81,10 +82,14 @@ def test_blocks_are_whole(real):
 
 
 def test_repeats_of_a_pose_stay_in_one_region(real):
-    campaign = real.campaign
-    twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
+    """Also where their commands differ by less than what counts as the same for the noise of repeats."""
+    twice = real.campaign.subset(np.concatenate([np.arange(41), np.arange(41)]))
+    drives = np.round(twice.drives, 6)
+    drives[41:] += 4e-7
+    twice = dataclasses.replace(twice, drives=drives)
+    assert sum(len(group) for group in repeats(twice, np.arange(82))) == 82
     for rows in blocks(twice, "region").values():
-        assert {int(row) % 40 for row in rows} == {int(row) for row in rows if row < 40}
+        assert {int(row) % 41 for row in rows} == {int(row) for row in rows if row < 41}
 
 
 def turned_over(folder, over):
