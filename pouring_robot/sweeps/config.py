@@ -12,15 +12,10 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, closest
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.sweeps.distributions import DISTRIBUTIONS, Margin
 
 Grouping = Literal["parameter", "part", "entry"]
 
-SIZES: dict[str, tuple[str, ...]] = {
-    "uniform": ("half_width",),
-    "normal": ("std",),
-    "truncated_normal": ("std", "limit"),
-}
-"""Sizes that a distribution needs, first how wide it is, which it needs in the unit of every parameter."""
 _MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
@@ -30,7 +25,7 @@ class ErrorEntry(StrictModel):
 
     # names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
-    distribution: Literal["uniform", "normal", "truncated_normal"] = "uniform"
+    distribution: str = "uniform"  # a name of ``DISTRIBUTIONS``
     # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
     half_width_mm: PositiveFloat | None = None
     half_width_mrad: PositiveFloat | None = None
@@ -50,13 +45,13 @@ class ErrorEntry(StrictModel):
     @pydantic.field_validator("distribution", mode="before")
     @classmethod
     def _suggest(cls, value: Any) -> Any:
-        if not isinstance(value, str) or value not in SIZES:
-            raise ValueError(f"unknown distribution{closest(str(value), SIZES)}")
+        if not isinstance(value, str) or value not in DISTRIBUTIONS:
+            raise ValueError(f"unknown distribution{closest(str(value), DISTRIBUTIONS)}")
         return value
 
     @pydantic.model_validator(mode="after")
     def _sizes_fit(self) -> Self:
-        wanted = SIZES[self.distribution]
+        wanted = DISTRIBUTIONS[self.distribution][0]
         for size in ("half_width", "std", "limit"):
             for unit in ("mm", "mrad"):
                 if size not in wanted and getattr(self, f"{size}_{unit}") is not None:
@@ -74,6 +69,11 @@ class ErrorEntry(StrictModel):
         """Return ``half_width``, ``std`` or ``limit`` in its unit, m or rad; both file units are thousandths."""
         value = getattr(self, f"{size}_{'mm' if unit == 'm' else 'mrad'}")
         return None if value is None else MM * float(value)
+
+    def margin(self, unit: str) -> Margin:
+        """Return how its errors in a unit, m or rad, are distributed."""
+        sizes, made = DISTRIBUTIONS[self.distribution]
+        return made(*(self.size_si(size, unit) for size in sizes))
 
 
 class Box(StrictModel):

@@ -29,11 +29,10 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances, kind_of
-from pouring_robot.sweeps.config import SIZES, ErrorEntry, SweepConfig
+from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
+from pouring_robot.sweeps.distributions import DISTRIBUTIONS, Margin
 
 BLOCK = 256
-NORMAL_TOLERANCE_SIGMAS = 3.0
-"""The tolerance that belongs to an untruncated normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
             found = {p.name: p for pattern in entry.parameters for p in catalogue.match(pattern)}
         except BadInputError as error:
             raise config.problem(str(error), number) from error
-        size = SIZES[entry.distribution][0]
+        size = DISTRIBUTIONS[entry.distribution][0][0]
         for name, p in found.items():
             if name in chosen:
                 raise config.problem(f"'{name}' is given twice: here and in errors.{chosen[name].entry}", number)
@@ -143,43 +142,6 @@ class ErrorMap:
         return errors
 
 
-@dataclass(frozen=True)
-class Margin:
-    """Distribution of one error about zero, in its own unit."""
-
-    # largest error (half width, or where a normal is cut off); of an untruncated normal, three standard deviations
-    tolerance: float
-    std: float  # standard deviation, after truncation
-    scale: float  # half width, or standard deviation before truncation
-    cut: float  # truncation in units of ``scale``; infinite for a normal, zero for a uniform distribution
-
-    def from_deviates(self, deviates: FloatArray) -> FloatArray:
-        """Return errors for standard normal deviates of any shape."""
-        if self.cut == 0.0:
-            return np.asarray(self.scale * scipy.special.erf(deviates / np.sqrt(2.0)))
-        if np.isinf(self.cut):
-            return np.asarray(self.scale * deviates)
-        inside = scipy.special.erf(self.cut / np.sqrt(2.0))
-        # erf keeps small deviates exact, where 1 - ndtr would round them.
-        return np.asarray(
-            self.scale * np.sqrt(2.0) * scipy.special.erfinv(inside * scipy.special.erf(deviates / np.sqrt(2.0)))
-        )
-
-
-def _margin(config: SweepConfig, parameter: SweepParameter) -> Margin:
-    entry = config.errors[parameter.entry]
-    width, std, limit = (entry.size_si(size, parameter.unit) for size in ("half_width", "std", "limit"))
-    if width is not None:
-        return Margin(width, width / np.sqrt(3.0), width, 0.0)
-    assert std is not None  # checked when the parameters were selected
-    if limit is None:
-        return Margin(NORMAL_TOLERANCE_SIGMAS * std, std, std, np.inf)
-    cut = limit / std
-    # The second moment within the cut over the share within it: of positive terms, so that a short cut loses no digits.
-    variance = scipy.special.gammainc(1.5, 0.5 * cut**2) / scipy.special.erf(cut / np.sqrt(2.0))
-    return Margin(limit, std * float(np.sqrt(variance)), std, cut)
-
-
 @dataclass(frozen=True, eq=False)
 class Draws:
     """The errors of all samples, computed where they are needed."""
@@ -196,7 +158,7 @@ class Draws:
         """Return the draws of a sweep."""
         names, samples = sorted({p.part for p in parameters}), config.samples or 0
         own = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}
-        margins = tuple(_margin(config, p) for p in parameters)
+        margins = tuple(config.errors[p.entry].margin(p.unit) for p in parameters)
         parts = tuple(names.index(p.part) for p in parameters)
         shared = np.sqrt([config.errors[p.entry].correlation for p in parameters])
         return cls(config.study, config.seed, own[config.study], margins, parts, shared)
