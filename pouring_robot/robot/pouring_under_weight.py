@@ -9,6 +9,7 @@ from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops_file import LoopStiffness, Quantity
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
+from pouring_robot.robot.pouring.names import STROKES
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, beam, load_stiffness
 from pouring_robot.robot.pouring_robot import PouringRobot
@@ -19,7 +20,7 @@ def stiffness_at(
 ) -> PartStiffness:
     """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
     values = robot.kinematics.joint_values(pose)
-    lengths = np.array([values[f"leg{i}_s3"] for i in (1, 2, 3, 4)])
+    lengths = np.array([values[stroke] for stroke in STROKES])
     carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare.value)
     return PartStiffness.of(robot.dimensions, lengths, carried, properties)
 
@@ -32,7 +33,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
     do along the leg, and turns as the leg's torsion lets it; alike in all directions.
     """
     *legs, tilt = robot.nominal_solver.mechanism.loops.drives
-    axial = {f"leg{i}_s3": float(k) for i, k in enumerate(stiffness.leg_axial, start=1)}
+    axial = dict(zip(STROKES, stiffness.leg_axial.tolist(), strict=True))
     ladle = robot.layout.ladle
     loads = Loads(
         gravity=True,

@@ -4,6 +4,7 @@ CHAINS = (1, 2, 3, 4)
 LEGS = tuple(f"leg{i}" for i in CHAINS)
 CHAIN_JOINTS = tuple(tuple(f"{leg}_s{k}" for k in range(1, 6)) for leg in LEGS)
 """S1 to S5 of each chain: turn and turn of the upper U joint, stroke, turn and turn of the lower U joint."""
+STROKES = tuple(joints[2] for joints in CHAIN_JOINTS)
 INNER_JOINTS = frozenset(name for joints in CHAIN_JOINTS for name in joints[1:])
 """Joints inside a leg and its U joints, whose distances are machined in one part."""
 SEATS = tuple(f"{leg}_seat_mount" for leg in LEGS)

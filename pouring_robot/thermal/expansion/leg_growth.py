@@ -24,15 +24,14 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray, finite
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.names import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS, STROKES
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
 from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 
 def growth_of_drives(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
     """Return how many times as long as cold each drive is, (n, drives), by strains of which the first are the legs'."""
-    growing = [f"leg{i}_s3" for i in CHAINS]
-    legs = [growing.index(name) if name in growing else -1 for name in drives]
+    legs = [STROKES.index(name) if name in STROKES else -1 for name in drives]
     return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
 
 
