@@ -25,7 +25,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure
-from pouring_robot.compensation.pose import LOCKED, least_commanded, tilt_rates
+from pouring_robot.compensation.pose import LOCKED, least_commanded
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -34,7 +34,7 @@ from pouring_robot.io.units import DEG, MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
-from pouring_robot.mechanism.rotations import moved_point, rotation_vectors, tilts
+from pouring_robot.mechanism.rotations import moved_point, rotation_vectors, tilt_rates, tilts
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
@@ -169,7 +169,7 @@ class PathSearch:
         """Return what to take from the drives, (n, 4); NaN where they do not command all that is wanted."""
         moved = self.warm.drives_to_end(closed)
         place = moved_point(moved, closed.rotation @ self.on_end)
-        matrix = np.concatenate([place, tilt_rates(moved[:, 3:], closed.rotation[:, :, 2])[:, None]], axis=1)
+        matrix = np.concatenate([place, tilt_rates(closed.rotation, moved[:, 3:])[:, None]], axis=1)
         good = np.isfinite(matrix).all(axis=(1, 2))
         good[good] = least_commanded(matrix[good]) > LOCKED
         step = np.full(left.shape, np.nan)

@@ -27,6 +27,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.joint_limits import joint_reach, refuse_beyond
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.mechanism.rotations import tilt_rates
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
@@ -170,7 +171,7 @@ class _Search:
         """Return the step of the drives that cancels what is left, (4,); LockedPoseError if none does."""
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
-        matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
+        matrix = np.vstack([twists[:3], tilt_rates(result.pose_base_to_end.rotation, twists[3:])])
         if not (ratio := float(least_commanded(matrix))) > LOCKED:
             raise LockedPoseError(ratio)
         return np.asarray(-np.linalg.solve(matrix, left))
@@ -180,16 +181,6 @@ def least_commanded(matrix: FloatArray) -> FloatArray:
     """Return least over largest singular value of how what is wanted follows the drives, (...), by (..., 4, 4)."""
     factors = np.linalg.svd(matrix, compute_uv=False)
     return np.asarray(factors[..., -1] / factors[..., 0])
-
-
-def tilt_rates(turns: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return how the tilt follows the drives, (..., drives), by turns (..., 3, drives) about the base's axes.
-
-    It is atan2(c_x, c_z) of the platform's third axis c, (..., 3), which turns as ω × c.
-    """
-    x, z = axis[..., 0, None], axis[..., 2, None]
-    moved = np.cross(turns, axis[..., None], axis=-2)
-    return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))
 
 
 def compensate(

@@ -27,6 +27,16 @@ def tilts(rotations: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(rotations[..., 0, 2], rotations[..., 2, 2]))
 
 
+def tilt_rates(rotations: FloatArray, turns: FloatArray) -> FloatArray:
+    """Return how :func:`tilts` changes, (..., p), by turns ω of rotations (..., 3, p) about the axes they are seen in.
+
+    The third axis c turns as ω × c.
+    """
+    x, z = rotations[..., 0, 2, None], rotations[..., 2, 2, None]
+    moved = np.cross(turns, rotations[..., 2, None], axis=-2)
+    return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))
+
+
 def nearest_rotations(matrices: FloatArray) -> FloatArray:
     """Return the rotations nearest to matrices, (..., 3, 3) each (Kabsch, Acta Crystallographica A 32, 1976)."""
     u, _, vt = np.linalg.svd(matrices)

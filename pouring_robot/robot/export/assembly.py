@@ -13,7 +13,7 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.joint_types import EXPORTED
+from pouring_robot.mechanism.joint_types import BOUNDED, EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.robot.description.urdf import joint_axis, limits_said, origin_pose, robot_name
 from pouring_robot.robot.export.closed_robot import ClosedRobot
@@ -203,6 +203,6 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         str(entry.find("child").get("link")),
         axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
         closed.joints.get(name, 0.0),
-        (lower, upper) if kind in ("revolute", "prismatic") and lower != upper else None,
+        (lower, upper) if kind in BOUNDED and lower != upper else None,
         *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
     )

@@ -16,7 +16,6 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.loops_file import LoopSpec
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed_robot import ClosedRobot
@@ -47,7 +46,9 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     mobilities = _mobilities(closed, assembly)
     welds = {loop.name: _Weld.of(loop, assembly, mobilities) for loop in assembly.loops.loops}
     step = min((0.002, *(0.4 * weld.time_constant for weld in welds.values())))
-    etree.SubElement(root, "option", gravity=text((0.0, 0.0, -GRAVITY_M_S2)), timestep=repr(step), **options)
+    etree.SubElement(
+        root, "option", gravity=text(closed.mechanism.shared_model.gravity.linear), timestep=repr(step), **options
+    )
     etree.SubElement(root, "statistic", extent="3")
     asset = etree.SubElement(root, "asset")
     for (file, scale), name in assembly.meshes.items():
