@@ -160,7 +160,7 @@ class CampaignRows:
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
-        self._drives = campaign.drives + model.offset_of_each_drive()
+        self._drives = model.standing(campaign.drives)
         sessions = session_parameters(campaign)
         self._session = numbers_of(campaign.sessions, sessions)
         first = first_frames(modelled, self.measured).frames

@@ -188,8 +188,8 @@ class MeasurementModel:
         return np.asarray(self._twists @ values[: len(self.parameters)])
 
     def drive_errors(self, values: FloatArray) -> FloatArray:
-        """Return what is added to the commanded drives for parameter values (P,): shape (drives,), in m and rad."""
-        return np.asarray(self._drives @ values[: len(self.parameters)] + self.model.offset_of_each_drive())
+        """Return what parameter values (P,) add to the drives: shape (drives,), in m and rad."""
+        return np.asarray(self._drives @ values[: len(self.parameters)])
 
     def amended(self, values: FloatArray) -> RobotModel:
         """Return the present robot with parameter values (P,), in m and rad, added.
@@ -200,8 +200,8 @@ class MeasurementModel:
         structure = self.engine.structure
         errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
         placements = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in errors if error.any()}
-        added = (self.drive_errors(values) - self.model.offset_of_each_drive()).tolist()
-        drives = {name: own for name, own in zip(structure.mechanism.loops.drives, added, strict=True) if own}
+        added = zip(structure.mechanism.loops.drives, self.drive_errors(values).tolist(), strict=True)
+        drives = {name: own for name, own in added if own}
         amended = self.model.displaced(placements, drives)
         try:
             amended.check_errors()
@@ -282,8 +282,7 @@ class ModelledRows:
     def present(self) -> BatchClosure:
         """Close the loops of the present robot, without errors by parameters."""
         placed = self.changes.placements if self.changes else None
-        drives = self.drives + self.model.model.offset_of_each_drive()
-        return self.model.engine.close(drives, self.start, placed)
+        return self.model.engine.close(self.model.model.standing(self.drives), self.start, placed)
 
     def by_drawing(self) -> tuple[Engine, BatchClosure]:
         """Close the loops of the drawing, which has no errors; return its engine, too."""
@@ -299,7 +298,7 @@ class ModelledRows:
         if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")
         errors = model.placement_errors(unknowns.parameters)
-        drives = self.drives + model.drive_errors(unknowns.parameters)
+        drives = model.model.standing(self.drives) + model.drive_errors(unknowns.parameters)
         closure = model.engine.close(drives, self.start, self._placed(errors))
         scale = self.changes.scale if self.changes else None
         return Prediction.of(closure, unknowns.frames, self._base(unknowns), scale)

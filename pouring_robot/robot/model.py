@@ -254,10 +254,10 @@ class RobotModel(StrictModel):
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
-    def offset_of_each_drive(self) -> FloatArray:
-        """Return the offsets of all drives in their order, 0 where there is none, shape (drives,), in m or rad."""
+    def standing(self, commands: FloatArray) -> FloatArray:
+        """Return where the drives stand for commands (..., drives), in m and rad: beyond them by their offsets."""
         offsets = self.drive_offset_values()
-        return np.array([offsets.get(drive.joint, 0.0) for drive in self.definition.drives])
+        return np.asarray(commands + np.array([offsets.get(drive.joint, 0.0) for drive in self.definition.drives]))
 
     def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
         """Return the robot with joints displaced further, by poses in their present placements, and drives (m, rad)."""

@@ -144,7 +144,7 @@ class Robot:
 
     def standing(self, drives: FloatArray) -> FloatArray:
         """Return where the drives of the robot as built stand for commands (..., drives), in m and rad."""
-        return np.asarray(drives + self.model.offset_of_each_drive())
+        return self.model.standing(drives)
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return the same by name, of all drives; raises BadInputError where one is missing, or a name is none."""
