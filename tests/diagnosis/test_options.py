@@ -1,13 +1,24 @@
-"""Options of a diagnosis and of a calibration."""
+"""Options of what a library's call and a command both take: what is refused, and that their defaults are the same."""
 
 import inspect
+import typing
 
 import pytest
 
 from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, FitOptions, calibrate, diagnose
-from pouring_robot.cli.diagnose import diagnose as command
+from pouring_robot.campaign.simulate import MeasurementOptions
+from pouring_robot.cli.calibrate import calibrate as calibrate_command
+from pouring_robot.cli.campaign import plan, simulate
+from pouring_robot.cli.diagnose import diagnose as diagnose_command
+from pouring_robot.cli.export import export
+from pouring_robot.cli.sensitivity import sensitivity
+from pouring_robot.design.request import PlanRequest
+from pouring_robot.estimation.robust import Loss
+from pouring_robot.estimation.splits import HoldOut
+from pouring_robot.robot.export.folder import Format
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
+from pouring_robot.sensitivity.report import Request
 
 
 @pytest.mark.parametrize(
@@ -33,12 +44,44 @@ def test_what_means_nothing_is_refused(kind, given):
         kind(**given)
 
 
-def test_the_command_has_the_defaults_of_the_library():
-    given = {name: one.default for name, one in inspect.signature(command).parameters.items()}
-    options = DiagnosisOptions()
-    assert {name: given[name] for name in ("false_names", "hold_out", "made_within", "next_count")} == {
-        name: getattr(options, name) for name in ("false_names", "hold_out", "made_within", "next_count")
-    }
+def of_command(command):
+    """Return the defaults of a command's options by name."""
+    return {name: one.default for name, one in inspect.signature(command).parameters.items()}
+
+
+REQUEST = {"length_mm": "length_m", "angle_mrad": "angle_rad", "limit_mm": "limit_m"}
+MEASURED = {"noise_mm": "sigma_position_m", "outlier_mm": "outlier_m"}
+SAME = [
+    (diagnose_command, DiagnosisOptions(), ("false_names", "hold_out", "made_within", "next_count"), {}),
+    (calibrate_command, CalibrationOptions(), ("tolerances", "hold_out"), {}),
+    (calibrate_command, FitOptions(), ("loss",), {}),
+    (sensitivity, Request(), ("poses", "seed", "frame"), REQUEST),
+    (plan, PlanRequest(), ("poses", "criterion", "both_sides", "reduce", "candidates", "starts", "seed"), {}),
+    (plan, PlanRequest().noise, (), {"sigma_mm": "position_m"}),
+    (simulate, MeasurementOptions(), ("seed", "outliers", "lost"), MEASURED),
+]
+
+
+@pytest.mark.parametrize(("command", "options", "names", "thousandths"), SAME)
+def test_commands_have_the_defaults_of_the_library(command, options, names, thousandths):
+    given = of_command(command)
+    assert {name: given[name] for name in names} == {name: getattr(options, name) for name in names}
+    for name, own in thousandths.items():
+        assert 1e-3 * given[name] == pytest.approx(getattr(options, own), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "names"),
+    [
+        (calibrate_command, "loss", Loss),
+        (calibrate_command, "hold_out", HoldOut),
+        (diagnose_command, "hold_out", HoldOut),
+        (export, "form", Format),
+    ],
+)
+def test_commands_know_the_names_of_the_library(command, option, names):
+    asked = typing.get_type_hints(command)[option]
+    assert typing.get_args(asked) == typing.get_args(names)
 
 
 @pytest.mark.parametrize("work", [calibrate, diagnose])
