@@ -22,8 +22,7 @@ from typing import Self
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.design.information import index_slopes
-from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, index_slopes, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator

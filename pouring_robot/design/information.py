@@ -1,4 +1,4 @@
-r"""What a plan's rows tell about parameters: covariance, observability indices, which parameters they do not show.
+r"""What a plan's rows tell about parameters: covariance, singular values, which parameters they do not show.
 
 A plan is a stack of whitened rows J (one measured coordinate over its noise a row, one unknown a column). The first
 columns are nuisance: the twelve numbers of the two outer frames, which have to be fitted but are of no interest. With
@@ -7,41 +7,14 @@ M = JᵀJ + prior, what is known of the other parameters θ is the Schur complem
 .. math:: S = M_{\theta\theta} - M_{\theta f} M_{ff}^{-1} M_{f\theta}
 
 whose inverse is their covariance. Its eigenvalues' roots, :math:`\sigma_1 \ge \dots \ge \sigma_m`, are the singular
-values of J with the frames projected out. Of them the observability indices are made, each larger for a better plan
-(Sun and Hollerbach, *Observability index selection for robot calibration*, ICRA 2008; n poses):
-
-====  ==========================================  ==========================================================
-O1    :math:`(\sigma_1 \cdots \sigma_m)^{1/m} / \sqrt n`  Borm and Menq 1991; the best plan is the D_s-optimal one
-O2    :math:`\sigma_m / \sigma_1`                  Driels and Pathre 1990, inverse condition number
-O3    :math:`\sigma_m`                             Nahvi, Hollerbach and Hayward 1994
-O4    :math:`\sigma_m^2 / \sigma_1`                Nahvi and Hollerbach 1996, noise amplification index
-O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
-====  ==========================================  ==========================================================
-
-Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
+values of J with the frames projected out.
 """
 
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE
 from pouring_robot.mechanism.arrays import FloatArray
-
-
-def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
-    values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
-    if criterion in ("D", "O1"):
-        return np.asarray(observability_index(values, "O1", poses) / (2.0 * len(values) * values**2))
-    if criterion == "O5":
-        return np.asarray(0.5 * observability_index(values, "O5", poses) ** 2 / values**3)
-    low, high, places = values.min(), values.max(), np.arange(len(values))
-    by_low, by_high = {
-        "O2": (0.5 / (low * high), -0.5 * low / high**3),
-        "O3": (0.5 / low, 0.0),
-        "O4": (1.0 / high, -0.5 * low**2 / high**3),
-    }[criterion]
-    return np.asarray(by_low * (places == values.argmin()) + by_high * (places == values.argmax()))
 
 
 def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:

@@ -4,8 +4,19 @@ Columns of the whitened regressor W that depend on each other move the ladle ali
 combination of them can be identified. QR with column pivoting, :math:`W P = Q [R_1 R_2; 0\ 0]`, splits them into base
 columns and dependent ones, :math:`W_d = W_b R_1^{-1} R_2` (Gautier, *Numerical calculation of the base inertial
 parameters of robots*, J. Robotic Systems 8, 1991; Gautier & Khalil, IEEE T-RA 6, 1990). How well the base is determined
-is said by the observability indices O1 to O5 of Hollerbach & Wampler (*The calibration index and taxonomy for robot
-kinematic calibration methods*, IJRR 15, 1996) and Sun & Hollerbach (ICRA 2008).
+observability indices say, each larger for better poses (Hollerbach & Wampler, *The calibration index and taxonomy for
+robot kinematic calibration methods*, IJRR 15, 1996; Sun & Hollerbach, *Observability index selection for robot
+calibration*, ICRA 2008), of n poses and the singular values :math:`\sigma_1 \ge \dots \ge \sigma_m`:
+
+====  ==========================================  ==========================================================
+O1    :math:`(\sigma_1 \cdots \sigma_m)^{1/m} / \sqrt n`  Borm and Menq 1991; the best plan is the D_s-optimal one
+O2    :math:`\sigma_m / \sigma_1`                  Driels and Pathre 1990, inverse condition number
+O3    :math:`\sigma_m`                             Nahvi, Hollerbach and Hayward 1994
+O4    :math:`\sigma_m^2 / \sigma_1`                Nahvi and Hollerbach 1996, noise amplification index
+O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
+====  ==========================================  ==========================================================
+
+Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
 """
 
 from collections.abc import Sequence
@@ -22,6 +33,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 """Observability indices; D is O1."""
+_ENDS = {"O2": (1, -1), "O3": (1, 0), "O4": (2, -1)}  # powers of the least and the largest singular value
 RANK_TOLERANCE = 1e-9
 """Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
 a singular value against the largest, columns scaled to unit length. Solving for G magnifies round-off of 2e-16 by the
@@ -138,15 +150,25 @@ def observability_index(singular_values: FloatArray, criterion: Criterion, poses
     values = np.asarray(singular_values, dtype=float)
     low, high = values.min(axis=-1), values.max(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        if criterion in ("D", "O1"):
-            return np.asarray(np.exp(np.log(values).mean(axis=-1)) / np.sqrt(poses))
-        if criterion == "O2":
-            return np.asarray(np.where(high > 0.0, low / high, 0.0))
-        if criterion == "O3":
-            return np.asarray(low)
-        if criterion == "O4":
-            return np.asarray(np.where(high > 0.0, low**2 / high, 0.0))
-        return np.asarray(1.0 / (1.0 / values).sum(axis=-1))
+        if criterion in _ENDS:
+            of_low, of_high = _ENDS[criterion]
+            return np.asarray(np.where(high > 0.0, low**of_low * high**of_high, 0.0))
+        if criterion == "O5":
+            return np.asarray(1.0 / (1.0 / values).sum(axis=-1))
+        return np.asarray(np.exp(np.log(values).mean(axis=-1)) / np.sqrt(poses))
+
+
+def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
+    """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
+    values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
+    index, places = observability_index(values, criterion, poses), np.arange(len(values))
+    power = np.full(len(values), 1.0 / len(values))  # of each value in the index
+    if criterion in _ENDS:
+        of_low, of_high = _ENDS[criterion]
+        power = of_low * (places == values.argmin()) + of_high * (places == values.argmax())
+    elif criterion == "O5":
+        power = index / values
+    return np.asarray(0.5 * index * power / values**2)
 
 
 def observability(singular: FloatArray, rows: int) -> dict[str, float]:

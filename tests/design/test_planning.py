@@ -14,12 +14,18 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
-from pouring_robot.design.information import covariance, index_slopes, projected_singular_values, telling
+from pouring_robot.design.information import covariance, projected_singular_values, telling
 from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import UndeterminedError, plot
-from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
+from pouring_robot.estimation.identifiability import (
+    CRITERIA,
+    base_parameters,
+    index_slopes,
+    observability,
+    observability_index,
+)
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.quantities import Quantity
