@@ -1,10 +1,14 @@
 """The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
 
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pydantic
+import scipy.special
 from numpy.typing import ArrayLike
 from pydantic import NonNegativeInt, PositiveFloat
 
@@ -12,12 +16,56 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, closest
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.sweeps.distributions import DISTRIBUTIONS, Margin
 
 Grouping = Literal["parameter", "part", "entry"]
 
+NORMAL_TOLERANCE_SIGMAS = 3.0
+"""The tolerance that belongs to an untruncated normal distribution, in standard deviations."""
 _MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Distribution of one error about zero, in its own unit."""
+
+    # largest error (half width, or where a normal is cut off); of an untruncated normal, three standard deviations
+    tolerance: float
+    std: float  # standard deviation, after truncation
+    from_deviates: Callable[[FloatArray], FloatArray]  # errors for standard normal deviates of any shape
+
+
+def _uniform(half_width: float) -> Margin:
+    return Margin(half_width, half_width / np.sqrt(3.0), functools.partial(_evenly, half_width))
+
+
+def _normal(std: float) -> Margin:
+    return Margin(NORMAL_TOLERANCE_SIGMAS * std, std, functools.partial(np.multiply, std))
+
+
+def _truncated(std: float, limit: float) -> Margin:
+    cut = limit / std
+    inside = scipy.special.erf(cut / np.sqrt(2.0))
+    # The second moment within the cut over the share within it: of positive terms, so that a short cut loses no digits.
+    variance = scipy.special.gammainc(1.5, 0.5 * cut**2) / inside
+    return Margin(limit, std * float(np.sqrt(variance)), functools.partial(_within, std, inside))
+
+
+def _evenly(half_width: float, deviates: FloatArray) -> FloatArray:
+    return np.asarray(half_width * scipy.special.erf(deviates / np.sqrt(2.0)))
+
+
+def _within(std: float, inside: float, deviates: FloatArray) -> FloatArray:
+    # erf keeps small deviates exact, where 1 - ndtr would round them.
+    return np.asarray(std * np.sqrt(2.0) * scipy.special.erfinv(_evenly(inside, deviates)))
+
+
+DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Margin]]] = {
+    "uniform": (("half_width",), _uniform),
+    "normal": (("std",), _normal),
+    "truncated_normal": (("std", "limit"), _truncated),
+}
+"""What each is made of: its sizes, first how wide it is, which it needs in the unit of every parameter."""
 
 
 class ErrorEntry(StrictModel):
@@ -52,17 +100,15 @@ class ErrorEntry(StrictModel):
     @pydantic.model_validator(mode="after")
     def _sizes_fit(self) -> Self:
         wanted = DISTRIBUTIONS[self.distribution][0]
-        for size in ("half_width", "std", "limit"):
-            for unit in ("mm", "mrad"):
-                if size not in wanted and getattr(self, f"{size}_{unit}") is not None:
-                    raise ValueError(f"{size}_{unit} does not belong to distribution '{self.distribution}'")
         for unit in ("mm", "mrad"):
-            given = [getattr(self, f"{size}_{unit}") is not None for size in wanted]
-            if any(given) and not all(given):
-                raise ValueError(f"{wanted[given.index(False)]}_{unit} is missing: a truncated normal needs both")
-        if all(getattr(self, f"{wanted[0]}_{unit}") is None for unit in ("mm", "mrad")):
-            names = " or ".join(f"{wanted[0]}_{unit}" for unit in ("mm", "mrad"))
-            raise ValueError(f"no size is given; a {self.distribution} distribution needs {names}")
+            given = [size for size in ("half_width", "std", "limit") if getattr(self, f"{size}_{unit}") is not None]
+            if strange := [size for size in given if size not in wanted]:
+                raise ValueError(f"{strange[0]}_{unit} does not belong to distribution '{self.distribution}'")
+            if given and (missing := [size for size in wanted if size not in given]):
+                raise ValueError(f"{missing[0]}_{unit} is missing: a truncated normal needs both")
+        names = [f"{wanted[0]}_{unit}" for unit in ("mm", "mrad")]
+        if all(getattr(self, name) is None for name in names):
+            raise ValueError(f"no size is given; a {self.distribution} distribution needs {' or '.join(names)}")
         return self
 
     def size_si(self, size: str, unit: str) -> float | None:

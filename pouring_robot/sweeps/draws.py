@@ -29,8 +29,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances, kind_of
-from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
-from pouring_robot.sweeps.distributions import DISTRIBUTIONS, Margin
+from pouring_robot.sweeps.config import DISTRIBUTIONS, ErrorEntry, Margin, SweepConfig
 
 BLOCK = 256
 

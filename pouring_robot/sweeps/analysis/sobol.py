@@ -43,13 +43,13 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     plan = store.plan
     count, poses, lost = len(plan.names), 0, np.zeros(plan.config.samples or 0, dtype=bool)
     problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
-    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
+    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES, "conf_level": 0.95}
     settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
     weights = np.zeros(3)
     sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
     for outputs in _outputs(store):
         poses += 1
-        blocks = outputs.reshape(-1, count + 2, 3)
+        blocks = outputs.reshape(lost.size, -1, 3)
         sound = np.isfinite(blocks).all(axis=(1, 2))
         lost |= ~sound
         for axis in range(3):
