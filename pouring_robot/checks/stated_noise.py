@@ -182,9 +182,8 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
     robot, engine = campaign.robot, drawing.engine
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
-    place = mechanism.placement_on_end(robot.payload_frame).translation
-    if not robot.own_weight:  # else the end body is among the links, and no ladle hangs on it
-        place = campaign.metadata.ladle_centre_of_mass_m or place
+    ladle = None if robot.own_weight else campaign.metadata.ladle_centre_of_mass_m  # then it is among the links
+    place = ladle or mechanism.placement_on_end(robot.payload_frame).translation
     rest, lifted = seen_from_rest(engine, closed)
     moved = rest.transfer(lifted, drive_parameters(mechanism)).matrix
     share = by_a_newton(up_in_base(rest.structure.mechanism), moved, lifted.rotation, place)

@@ -162,12 +162,10 @@ def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) 
     """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
     values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
     index, places = observability_index(values, criterion, poses), np.arange(len(values))
-    power = np.full(len(values), 1.0 / len(values))  # of each value in the index
+    power = index / values if criterion == "O5" else np.full(len(values), 1.0 / len(values))  # of each in the index
     if criterion in _ENDS:
         of_low, of_high = _ENDS[criterion]
         power = of_low * (places == values.argmin()) + of_high * (places == values.argmax())
-    elif criterion == "O5":
-        power = index / values
     return np.asarray(0.5 * index * power / values**2)
 
 

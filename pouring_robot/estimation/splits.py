@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
@@ -182,8 +181,7 @@ def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
 def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
     values = commands(campaign.drives)  # repeats of a pose are not parted
-    spread = values[rows].std(axis=0)
-    spread = np.where(spread > 0.0, spread, 1.0)
+    spread = np.maximum(values[rows].std(axis=0), np.finfo(float).tiny)
     whole, divisible = list[Indices](), [rows]
     while divisible and len(whole) + len(divisible) < BLOCKS:
         block = divisible.pop(int(np.argmax([part.size for part in divisible])))
@@ -195,13 +193,11 @@ def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     return sorted([*whole, *divisible], key=lambda block: int(block.min()))
 
 
-def _halve(rows: Indices, commanded: NDArray[np.int64], spread: FloatArray) -> tuple[Indices, Indices] | None:
+def _halve(rows: Indices, commanded: Indices, spread: FloatArray) -> tuple[Indices, Indices] | None:
     """Split at the median of the widest drive; equal values stay together. None: all rows are the same pose."""
     values = commanded[rows, np.argmax(np.ptp(commanded[rows], axis=0) / spread)]
-    steps = np.unique(values)
+    steps, counts = np.unique(values, return_counts=True)
     if steps.size < 2:
         return None
-    cuts = 0.5 * (steps[1:] + steps[:-1])
-    below = np.searchsorted(np.sort(values), cuts)
-    cut = cuts[int(np.argmin(np.abs(below - 0.5 * rows.size)))]
+    cut = steps[1:][np.argmin(np.abs(np.cumsum(counts)[:-1] - 0.5 * rows.size))]
     return rows[values < cut], rows[values >= cut]

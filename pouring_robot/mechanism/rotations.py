@@ -28,10 +28,7 @@ def tilts(rotations: FloatArray) -> FloatArray:
 
 
 def tilt_rates(rotations: FloatArray, turns: FloatArray) -> FloatArray:
-    """Return how :func:`tilts` changes, (..., p), by turns ω of rotations (..., 3, p) about the axes they are seen in.
-
-    The third axis c turns as ω × c.
-    """
+    """Return how :func:`tilts` changes, (..., p), by turns ω (..., 3, p), by which the third axis c moves as ω × c."""
     x, z = rotations[..., 0, 2, None], rotations[..., 2, 2, None]
     moved = np.cross(turns, rotations[..., 2, None], axis=-2)
     return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))

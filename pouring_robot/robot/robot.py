@@ -61,9 +61,8 @@ class Robot:
     """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
 
     It stands cold and without effects that depend on conditions: where the model tells of them, a warning says so;
-    ``robots_under`` applies them.
-    ``loads``, weight and yielding drives, act on the actual robot, a payload at the robot file's ``payload_frame``
-    where they name none; ``options`` say when a closure counts as found.
+    ``robots_under`` applies them. ``loads``, weight and yielding drives, act on the actual robot, a payload at the
+    robot file's ``payload_frame`` where they name none; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
     drawing would pass its limits (the pouring robot: or one as built), NoSolutionError where no pose answers it; the
     constructor BadInputError where the model names a joint or drive that the robot does not have.

@@ -29,8 +29,7 @@ Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 class Margin:
     """Distribution of one error about zero, in its own unit."""
 
-    # largest error (half width, or where a normal is cut off); of an untruncated normal, three standard deviations
-    tolerance: float
+    tolerance: float  # largest error: half width, or limit; of an untruncated normal, three standard deviations
     std: float  # standard deviation, after truncation
     from_deviates: Callable[[FloatArray], FloatArray]  # errors for standard normal deviates of any shape
 
