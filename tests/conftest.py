@@ -1,6 +1,7 @@
 """Robots and campaigns that many tests share; building one takes a few tenths of a second."""
 
 import dataclasses
+import gc
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import Phase, settings
 from pouring_robot.calibration import report
 from pouring_robot.campaign.plan import PosePlan, random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.cli import OBJECTS_BETWEEN_COLLECTIONS
 from pouring_robot.diagnosis.report import export
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
@@ -19,6 +21,12 @@ from tests.support import ACTUAL, crooked_model
 def pytest_configure():
     """Let workers that share the cores not share each product among them, too."""
     one_blas_thread_from_the_start()
+
+
+def pytest_collection_finish():
+    """Collect garbage as seldom as a command does, and never look through what was loaded for the tests."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    gc.freeze()
 
 
 # Which lines a failing example runs through is not asked: Hypothesis would trace every line of every example for it.

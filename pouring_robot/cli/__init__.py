@@ -9,7 +9,7 @@ from pathlib import Path
 from pouring_robot.exceptions import ExitCode
 from pouring_robot.io import interrupt
 
-_OBJECTS_BETWEEN_COLLECTIONS = 10_000
+OBJECTS_BETWEEN_COLLECTIONS = 10_000
 """Python's own 700 has a command look through all that it has loaded several times: 7 % of a diagnosis."""
 
 
@@ -17,7 +17,7 @@ def main() -> int:
     """Run the ``pouring-robot`` command of this process and return its exit code; Ctrl-C is heard from here on."""
     try:
         interrupt.listen()
-        gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
+        gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by whoever started it
                 setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - for as long as the process lives
