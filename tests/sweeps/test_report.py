@@ -14,7 +14,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.report import html_report, map_of, report, share_text
+from pouring_robot.sweeps.analysis.report import html_report, map_of, report, share_text, study_figure
 from pouring_robot.sweeps.analysis.summary import Distances
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import LEARNED, ROOT
@@ -62,7 +62,7 @@ def test_the_map_shows_every_pose_with_its_rms_over_the_robots(one_at_a_time):
 
 def test_the_page_says_what_the_figures_say(one_at_a_time, tmp_path):
     outcome, _ = one_at_a_time
-    page = html.unescape(html_report(outcome, {"all figures": "summary.json"}))
+    page = html.unescape(html_report(outcome, study_figure(outcome), {"all figures": "summary.json"}))
     assert outcome.headline in page and 'href="summary.json"' in page
     assert page.count('<td class="l">') >= len(outcome.ranking) and "SHA-256" in page
     assert [page.count(f'<tr><td class="l">{p.name}</td>') for p in outcome.ranking] == [1] * len(outcome.ranking)

@@ -84,11 +84,12 @@ class SweepReport(Result):
 
     def save(self) -> tuple[Path, ...]:
         """Write summary, ranking, picture and page into the sweep's folder and return their paths."""
+        study = study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
             RANKING: rows_csv(self._table()),
-            PICTURE: png_of(study_figure(self)),
-            PAGE: html_report(self, {"all figures": SUMMARY, "the ranking": RANKING}),
+            PICTURE: png_of(study),
+            PAGE: html_report(self, study, {"all figures": SUMMARY, "the ranking": RANKING}),
         }
         return tuple(write_together({self.store.folder / name: content for name, content in files.items()}))
 
@@ -181,8 +182,8 @@ def allocation_table(found: AllocatedTolerances) -> Table:
     return Table(("parameter", "tolerance mm or mrad", "times the given one", ""), rows)
 
 
-def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
-    """Return the report as one page without any outside file."""
+def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str:
+    """Return the report, with what :func:`study_figure` has drawn, as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
     where = f"How far {frame} is {plan.off}, RMS over the robots: slices of the workspace, the worst tilt there"
@@ -190,7 +191,7 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
         Paragraph(f"{_study(config)}; seed {config.seed}; content of the sweep {plan.content_hash}"),
-        Plot(f"What matters, and how far {frame} is {plan.off}", svg_of(study_figure(found))),
+        Plot(f"What matters, and how far {frame} is {plan.off}", svg_of(study)),
         Heading("Where in the workspace"),
         Plot(where, svg_of(map_of(plan, found.summary))),
     ]
