@@ -307,7 +307,8 @@ class RobotModel(StrictModel):
         drawn, loops = self.definition.urdf(), self.definition.loops
         for joint in loops.cut_joints:
             if joint in self.joint_placements:
-                seat, *_ = (*carriers(parsed(drawn), loops.loops[0].frame_b), loops.loops[0].frame_b)
+                frame = loops.loops[0].frame_b
+                seat, *_ = (*carriers(parsed(drawn), frame)[frame], frame)
                 raise BadInputError(
                     f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
                     f"chains' seats on it ({seat} ...) instead"

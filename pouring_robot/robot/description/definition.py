@@ -106,7 +106,8 @@ class RobotDefinition:
         # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
         carrying = [joint for joint in file.travel if kinds[joint] != "fixed"]
         base, end = self.loops.base_frame, self.loops.end_frame
-        above = {name: {*carriers(root, name)} for name in (base, end, *self.loops.loop_frames) if name is not None}
+        known = (name for name in (base, end, *self.loops.loop_frames) if name is not None)
+        above = {name: {*joints} for name, joints in carriers(root, *known).items()}
         self._check_travels(carrying, above)
         locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
         self.loops = self.loops.model_copy(update={"locked_joints": locked})
@@ -115,9 +116,9 @@ class RobotDefinition:
             if link is not None and link not in frames:
                 raise DescriptionError(path, f"{key} '{link}' is no link of the robot{closest(link, frames)}")
         moving = {*(name for name, kind in kinds.items() if kind != "fixed"), *self.loops.cut_joints}
-        held = filter(None, (self.payload_frame, end))
-        moved = [[joint for joint in carriers(root, name) if joint in moving] for name in held]
-        if moved[0] != moved[-1]:
+        held = carriers(root, *filter(None, (self.payload_frame, end))).values()
+        first, *others = ([joint for joint in joints if joint in moving] for joints in held)
+        if any(other != first for other in others):
             problem = f"payload_frame '{self.payload_frame}' moves against end_frame '{end}'"
             raise DescriptionError(path, f"{problem}; name a link that is fixed to it")
         self._check_home(root.iterfind("joint"))

@@ -50,14 +50,15 @@ class _Tree:
             if not (_link(joint, "parent") and _link(joint, "child")):
                 raise DescriptionError(path, f"joint '{name}' does not say which two links it joins")
         children = Counter(_link(joint, "child") for joint in joints)
+        carried = carriers(self.root, *(_link(joint, "parent") for joint in joints))
         for link, joint in self.above.items():
-            if children[link] > 1 or joint.get("name") in carriers(self.root, _link(joint, "parent")):
+            if children[link] > 1 or joint.get("name") in carried[_link(joint, "parent")]:
                 why = "hangs on several joints" if children[link] > 1 else "is carried by itself"
                 raise DescriptionError(path, f"link '{link}' {why}; a URDF is a tree, what closes it is said elsewhere")
 
     def moving(self, link: str) -> list[str]:
         """Return the joints that move on the way from the root down to a link."""
-        way = (self.joints[name] for name in reversed(carriers(self.root, link)) if name in self.joints)
+        way = (self.joints[name] for name in reversed(carriers(self.root, link)[link]) if name in self.joints)
         return [str(joint.get("name")) for joint in way if joint.get("type") != "fixed"]
 
     def ends(self) -> list[str]:

@@ -91,16 +91,23 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
     return max(map(beyond, steps), default=0.0)
 
 
-def carriers(root: etree._Element, frame: str) -> list[str]:
-    """Return the joints, moving and fixed, that carry a link of a URDF, or a joint and it itself, the nearest first."""
+def carriers(root: etree._Element, *frames: str) -> dict[str, list[str]]:
+    """Return the joints, moving and fixed, that carry each of some frames of a URDF, the nearest first.
+
+    A frame is a link, or a joint, which is then one of them itself.
+    """
     whole = (j for j in root.iterfind("joint") if j.find("parent") is not None and j.find("child") is not None)
     joints = {j.get("name"): [j.find(end).get("link") for end in ("parent", "child")] for j in whole}
     above = {child: (name, parent) for name, (parent, child) in joints.items()}
-    link, found = joints[frame][1] if frame in joints and frame not in above else frame, list[str]()
-    while link in above and above[link][0] not in found:
-        name, link = above[link]
-        found.append(name)
-    return found
+
+    def way(frame: str) -> list[str]:
+        link, found = joints[frame][1] if frame in joints and frame not in above else frame, list[str]()
+        while link in above and above[link][0] not in found:
+            name, link = above[link]
+            found.append(name)
+        return found
+
+    return {frame: way(frame) for frame in frames}
 
 
 def robot_name(root: etree._Element) -> str:
