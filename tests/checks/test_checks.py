@@ -110,6 +110,11 @@ DAMAGES = {
         lambda c: damaged(c, force=np.where(np.arange(len(c)) == 7, 1e9, 500.0)[:, None].repeat(4, axis=1)),
     ],
     "conditions_exchanged": [lambda c: damaged(c, leg2=c.conditions["ambient"], ambient=c.conditions["leg2"])],
+    "no_length": [
+        lambda c: damaged(
+            c, distance_m=np.linalg.norm(c.position_m, axis=1)[:, None] * (np.arange(len(c)) != 7)[:, None]
+        )
+    ],
     "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
     "noise_too_small": [quieter],
     "rounded_drives": [
@@ -222,6 +227,7 @@ DAMAGES = {
 }
 # What follows from the damage besides what is looked for.
 BESIDES = {
+    "no_length": {"no_noise_level"},  # of distances none is stated
     "time_not_increasing": {"stuck_column"},
     "target_moved": {"outlier"},
     "one_pose": {"no_agreement", "unreachable_pose", "outlier", "too_few_rows"},
