@@ -184,7 +184,7 @@ def test_one_name_is_one_name_and_what_is_asked_may_be_arrays():
 
 def test_a_study_is_saved_where_a_text_says(tmp_path):
     found = sensitivity(None, Request(poses=2, parameters="alpha_e1_01"))
-    assert found.save(str(tmp_path / "out")) == found.save(tmp_path / "out")
+    assert found.save(str(tmp_path / "out")) == found.save(tmp_path / "out", overwrite=True)
 
 
 def test_that_only_the_drawing_of_a_model_is_studied_is_said_to_who_asks():
