@@ -257,8 +257,8 @@ class _Work:
         if parts:
             fitted[parts.test] = False
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
-        library, thresholds = Library.of(rows, self.effects, self.options.made_within), self.options.false_names
-        diagnoser = Diagnoser(rows, library, fitted, Thresholds(thresholds))
+        library = Library.of(rows, self.effects, self.options.made_within)
+        diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
         return _Asked(np.asarray(wrong, dtype=np.intp), inliers, parts, tuple(notes), diagnoser)
 
     def searched(self, asked: _Asked, start: Hypothesis | None = None) -> _Searched:
