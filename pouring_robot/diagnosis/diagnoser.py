@@ -203,7 +203,7 @@ class Diagnoser:
         state, library = self.at_rest(), replace(self.library, forms={key: self.library.forms[key]})
         nothing = Hypothesis.nothing(self._problem(state, state.linear, library))
         (item,) = (item for item in nothing.problem.explanations if item.key == key)
-        single = nothing.with_item(item, nothing.candidate_bayes_factor(item).scale)
+        single = nothing.with_item(item)
         state, single = self.settled(state, single)
         return state.alone, single
 

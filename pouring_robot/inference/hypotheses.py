@@ -239,9 +239,9 @@ class Hypothesis:
         items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
         return replace(self, items=items, scales=scales)
 
-    def with_item(self, item: Explanation, scale: Scale) -> Hypothesis:
-        """Return the hypothesis with one more explanation, settled."""
-        return self.beside(item, scale).settled()
+    def with_item(self, item: Explanation, scale: Scale | None = None) -> Hypothesis:
+        """Return the hypothesis with one more explanation, settled; from its most probable scale if none is given."""
+        return self.beside(item, scale or self.candidate_bayes_factor(item).scale).settled()
 
     def without_items(self, indices: Collection[int]) -> Hypothesis:
         """Return the hypothesis with some explanations less, settled."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.problem import Explanation, Problem
+from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 _BRANCHES = 3
@@ -40,7 +40,7 @@ def search(
         refused, rest = {current.items[worst].key}, current.without_items(wrong)
         if impossible(current, worst, thresholds):  # in whatever form is no more credible in its place
             forms = (item for item in problem.explanations if item.effect == current.items[worst].effect)
-            refused |= {item.key for item in forms if not credible(_beside(rest, item), len(rest.items), thresholds)}
+            refused |= {item.key for item in forms if not credible(rest.with_item(item), len(rest.items), thresholds)}
         current = _found(replace(rest, barred=rest.barred | refused), thresholds)
     return current
 
@@ -110,13 +110,9 @@ def impossible_effects(hypothesis: Hypothesis, thresholds: Thresholds) -> tuple[
         item.effect
         for item in hypothesis.problem.explanations
         if item.key in hypothesis.barred and item.bounds is not None and item.effect not in hypothesis.effects
-        if impossible(_beside(hypothesis, item), len(hypothesis.items), thresholds)
+        if impossible(hypothesis.with_item(item), len(hypothesis.items), thresholds)
     ]
     return tuple(dict.fromkeys(found))
-
-
-def _beside(hypothesis: Hypothesis, item: Explanation) -> Hypothesis:
-    return hypothesis.with_item(item, hypothesis.candidate_bayes_factor(item).scale)
 
 
 def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis]:
