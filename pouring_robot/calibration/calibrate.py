@@ -148,6 +148,7 @@ def calibrate(
     own_frames = [parameter.name for parameter in sessions]
     position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])
     located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
+    known = fit.inflated_covariance, fit.interval_freedoms
     return Calibration(
         campaign=campaign,
         present=model,
@@ -166,10 +167,7 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=replace(
-            ladle_uncertainty(workspace, fit.unknowns, fit.inflated_covariance, located=located, turned=turned),
-            freedoms=fit.interval_freedoms,
-        ),
+        ladle=ladle_uncertainty(workspace, fit.unknowns, *known, located=located, turned=turned),
         performance=pose_performance(measured, before, after, alike),
     )
 

@@ -151,10 +151,17 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 
 
 def ladle_uncertainty(
-    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, *, located: bool, turned: bool
+    rows: ModelledRows,
+    unknowns: Unknowns,
+    covariance: FloatArray,
+    freedoms: float = math.inf,
+    *,
+    located: bool,
+    turned: bool,
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 
+    So many degrees of freedom tell the covariance.
     ``located`` says whether all three coordinates were measured, so that there are axes they stand in, ``turned``
     whether rotations were, so that the attitude of the target is known.
     """
@@ -174,4 +181,4 @@ def ladle_uncertainty(
     turn = rows.start.rotation[closed]
     tilt = tilts(turn) if np.allclose(turn[:, 1, 1], 1.0) else None
     std = np.sqrt(np.maximum(((lip @ covariance) * lip).sum(axis=2), 0.0))
-    return LadleUncertainty(rows.start.position[closed], tilt, std, located)
+    return LadleUncertainty(rows.start.position[closed], tilt, std, located, freedoms)
