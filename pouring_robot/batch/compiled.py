@@ -206,7 +206,7 @@ class CompiledEngine(Engine):
         own = star or self.structure.star
 
         def run(first: int) -> None:
-            kernel(own, make_room(own), *arguments, first, min(first + _SAMPLES_AT_A_TIME, count))
+            kernel(own, make_room(own), *arguments, (first, min(first + _SAMPLES_AT_A_TIME, count)))
 
         starts = range(0, count, _SAMPLES_AT_A_TIME)
         if self.threads == 1 or len(starts) < 2:

@@ -21,7 +21,7 @@ import math
 
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.residuals import Room, evaluate, joint_twist, keep_state, move, put, step_back, three
+from pouring_robot.batch.kernels.residuals import Room, copy, evaluate, joint_twist, move, put, three
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO
@@ -69,7 +69,8 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
             step = solve_step(star, room)
             if not to_floor:
                 length = step
-                keep_state(room)
+                copy(room.platform, room.platform_before)
+                copy(room.joints, room.before)
             move(star, room, 1.0 if to_floor else scale)
             trial, residual = evaluate(star, room)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
@@ -89,7 +90,8 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
         elif not to_floor:
             factored, to_floor = False, True
         else:
-            step_back(room)
+            copy(room.platform_before, room.platform)
+            copy(room.before, room.joints)
             factored, to_floor, stale, scale = False, False, True, 0.25 * scale
             if scale < 1e-3:
                 scale, damping = 1.0, max(10.0 * damping, 1e-4)

@@ -27,19 +27,15 @@ _INNER_OPTIONS = _OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "n
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def source_stamp(function: Callable[..., Any]) -> str:
-    """Return a name for the text of a kernel's file and of all here, of what they import, and of the compiler."""
-    here, closure = Path(__file__).parent, Path(null_space.__file__).parent
-    beside = (here.parent / "structure.py", closure / "status.py", closure / "null_space.py")
-    files = [*sorted(here.glob("*.py")), *beside, Path(function.__code__.co_filename)]
-    return content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
-
-
 class _Locator(_CacheLocator):  # type: ignore[misc]
     """Says where a kernel is kept, and what makes it stale; neither depends on where the package is installed."""
 
     def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
-        self._stamp = source_stamp(function)
+        # The text of the kernel's file and of all here, of what they import, and the compiler.
+        here, closure = Path(__file__).parent, Path(null_space.__file__).parent
+        beside = (here.parent / "structure.py", closure / "status.py", closure / "null_space.py")
+        files = [*sorted(here.glob("*.py")), *beside, Path(function.__code__.co_filename)]
+        self._stamp = content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
         self._path = str(folder / "kernels" / self._stamp)
 
     def get_cache_path(self) -> str:

@@ -223,12 +223,10 @@ def displace(star: Star, room: Room, site: int, error: FloatArray) -> None:
 
 
 @compiled
-def keep_state(room: Room) -> None:
-    """Keep the present state, to step back to."""
-    for c in range(12):
-        room.platform_before[c] = room.platform[c]
-    for at in range(room.joints.size):
-        room.before[at] = room.joints[at]
+def copy(numbers: FloatArray, to: FloatArray) -> None:
+    """Copy numbers."""
+    for at in range(numbers.size):
+        to[at] = numbers[at]
 
 
 @compiled
@@ -245,12 +243,3 @@ def move(star: Star, room: Room, share: float) -> None:
         for n in range(star.passive.shape[1]):
             if star.passive[i, n] >= 0:
                 room.joints[i * joints + star.passive[i, n]] += share * room.joint_step[i, n]
-
-
-@compiled
-def step_back(room: Room) -> None:
-    """Return to the state before the step."""
-    for c in range(12):
-        room.platform[c] = room.platform_before[c]
-    for at in range(room.joints.size):
-        room.joints[at] = room.before[at]

@@ -24,6 +24,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE, NOT_FINITE
 
 _ROTATION_TOLERANCE = 1e-6
+Rows = tuple[int, int]
+"""The first of the samples that a call takes, and the one behind its last."""
 
 
 @compiled
@@ -123,10 +125,10 @@ def close_samples(
     options: FloatArray,
     max_iterations: int,
     closures: Closures,
-    first: int,
-    last: int,
+    rows: Rows,
 ) -> None:
-    """Close samples ``first`` to ``last``. See the engine's ``close``."""
+    """Close samples. See the engine's ``close``."""
+    first, last = rows
     for row in range(first, last):
         code, steps = NOT_FINITE, 0
         sound = load_state(star, room, samples, row)
@@ -145,16 +147,10 @@ def close_samples(
 
 @outermost
 def carry_samples(
-    star: Star,
-    room: Room,
-    samples: Samples,
-    drives: FloatArray,
-    chain: IntArray,
-    closures: Closures,
-    first: int,
-    last: int,
+    star: Star, room: Room, samples: Samples, drives: FloatArray, chain: IntArray, closures: Closures, rows: Rows
 ) -> None:
-    """Carry the end frame by one chain a sample (n,), ``first`` to ``last``; of the start only the joints count."""
+    """Carry the end frame by one chain a sample (n,); of the start only the joints count."""
+    first, last = rows
     for row in range(first, last):
         load_joints(star, room, samples.joints[row])
         load_drives(star, room, drives[row])

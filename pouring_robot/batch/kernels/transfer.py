@@ -40,7 +40,7 @@ from pouring_robot.batch.kernels.residuals import (
     put,
     three,
 )
-from pouring_robot.batch.kernels.samples import load_joints, load_state, place_errors
+from pouring_robot.batch.kernels.samples import Rows, load_joints, load_state, place_errors
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.status import CLOSED, NOT_FINITE, SINGULAR
@@ -197,16 +197,10 @@ def write_branch_site(
 
 @outermost
 def transfer_samples(
-    star: Star,
-    room: Room,
-    samples: Samples,
-    columns: Columns,
-    matrix: FloatArray,
-    status: ByteArray,
-    first: int,
-    last: int,
+    star: Star, room: Room, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
-    """Write G (n, columns, 6) of closed samples ``first`` to ``last``; a sample not closed (NaN) gives NaN."""
+    """Write G (n, columns, 6) of closed samples; a sample not closed (NaN) gives NaN."""
+    first, last = rows
     for row in range(first, last):
         status[row] = NOT_FINITE
         sound = load_state(star, room, samples, row)
@@ -224,20 +218,13 @@ def transfer_samples(
 
 @outermost
 def branch_samples(
-    star: Star,
-    room: Room,
-    samples: Samples,
-    columns: Columns,
-    matrix: FloatArray,
-    status: ByteArray,
-    first: int,
-    last: int,
+    star: Star, room: Room, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
-    """Write the open branches' G (n, columns, 6) of samples ``first`` to ``last``, of which only the joints count.
+    """Write the open branches' G (n, columns, 6) of samples of which only the joints count.
 
     A column is the twist of the end frame carried by its own chain alone, all joints held.
     """
-    chains, count = star.revolute.shape
+    (first, last), (chains, count) = rows, star.revolute.shape
     for row in range(first, last):
         sound = load_joints(star, room, samples.joints[row])
         if not (place_errors(star, room, samples, row, first) and sound):
