@@ -120,10 +120,6 @@ class PathSearch:
         nominal = self.kinematics.mechanism.placement_on_end(self.frame).translation
         self.target = self.start.position + self.start.rotation @ nominal
 
-    def left_with(self, drives: FloatArray) -> FloatArray:
-        """Return how far x, y, z of the frame (m) and the tilt (rad) are off for commanded drives, shape (n, 4)."""
-        return self._left(self.warm.close(drives, self.start))
-
     def run(self, *, limits: bool = True) -> CompensatedPath:
         """Step until every pose is met or no longer gets nearer.
 
@@ -132,7 +128,7 @@ class PathSearch:
         drives, start = self.warm.command.drives.copy(), self.start
         best = np.full(len(drives), np.inf)
         closed = self.warm.close(drives, start)
-        left = before = self._left(closed)
+        left = before = self.left(closed)
         for _ in range(_MOST_STEPS):
             size = np.abs(left).max(axis=1)
             going = closed.closed & ~settled(size, best)
@@ -143,7 +139,7 @@ class PathSearch:
             drives = np.where(going[:, None], drives - step, drives)
             start = start.replaced(np.arange(len(drives)), closed)
             closed = self.warm.close(drives, start)
-            left = self._left(closed)
+            left = self.left(closed)
         with np.errstate(invalid="ignore"):
             met = np.abs(left).max(axis=1) < REACHED
             driven = dict(zip(self.kinematics.mechanism.loops.drives, drives.T, strict=True))
@@ -161,7 +157,8 @@ class PathSearch:
         before_m, strain = np.linalg.norm(before[:, :3], axis=1), self.warm.strain
         return CompensatedPath(self.frame, self.wanted, drives, before_m, left, turned, strain, status.astype(str))
 
-    def _left(self, closed: BatchClosure) -> FloatArray:
+    def left(self, closed: BatchClosure) -> FloatArray:
+        """Return how far x, y, z of the frame (m) and the tilt (rad) are off, shape (n, 4)."""
         place = closed.position + closed.rotation @ self.on_end
         return np.column_stack([place - self.target, tilts(closed.rotation) - self.wanted[:, 3]])
 
@@ -254,7 +251,7 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
         """Return errors of drives, place and tilt, (n, 6), at places in the box from -1 to 1, (n, 4)."""
         poses, search = searched(scaled)
         drives = made.drives(kinematics, poses)
-        off, left = drives - _found(search), search.left_with(drives)
+        off, left = drives - _found(search), search.left(search.warm.close(drives, search.start))
         return np.asarray(np.abs(np.column_stack([off, np.linalg.norm(left[:, :3], axis=1), left[:, 3]])))
 
     largest, checked = _largest(errors, grid(*(chebyshev.chebpts2(count + 1) for count in POINTS)))

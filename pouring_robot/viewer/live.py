@@ -7,7 +7,6 @@ a second port for commands. This one is a thread of the program: it ends with th
 import asyncio
 import json
 import threading
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import tornado.httpserver
@@ -90,9 +89,7 @@ class LiveView:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _run(self) -> None:

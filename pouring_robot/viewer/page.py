@@ -108,18 +108,17 @@ def film(scene: Scene) -> Content:
 
 def _robot(scene: Scene, robot: SceneRobot, shapes: dict[Shape, int]) -> Content:
     """Return what of a robot never changes; shapes are numbered in the order in which they are met."""
-    visuals = []
     colours = colours_at(scene, robot, scene.first).tolist()
-    for item, colour in zip(robot.visual.geometryObjects, colours, strict=True):
-        visuals.append(
-            {
-                "name": item.name,
-                "body": item.parentJoint,
-                "shape": shapes.setdefault(shape_of(item), len(shapes)),
-                "matrix": item.placement.homogeneous.T.ravel().tolist(),  # column by column, as three.js reads it
-                "colour": colour,
-            }
-        )
+    visuals = [
+        {
+            "name": item.name,
+            "body": item.parentJoint,
+            "shape": shapes.setdefault(shape_of(item), len(shapes)),
+            "matrix": item.placement.homogeneous.T.ravel().tolist(),  # column by column, as three.js reads it
+            "colour": colour,
+        }
+        for item, colour in zip(robot.visual.geometryObjects, colours, strict=True)
+    ]
     return {"name": robot.name, "opacity": robot.opacity, "visuals": visuals}
 
 
