@@ -17,7 +17,6 @@ from pouring_robot.checks.flags import usable_without
 from pouring_robot.effects.nominal_rows import nominal_rows
 from pouring_robot.effects.stack import changes_by_stack
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
@@ -112,7 +111,7 @@ def calibrate(
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
         train = rows[used]
-        prior = prior_std(rows.model, tolerances, framed=measured.framed)
+        prior = rows.model.prior_std(tolerances, framed=measured.framed)
         noise = noise_left_over(train, seen, first_frames(train, seen), prior, noise, options.fit)
         measured, seen = measured.with_noise(noise), seen.with_noise(noise)
     selection = Selection(candidates, ())
@@ -124,7 +123,7 @@ def calibrate(
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_parameters(all_parameters(groups))
         train = chosen[used]
-        prior = prior_std(chosen.model, tolerances, framed=measured.framed)
+        prior = chosen.model.prior_std(tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
         fit = replace(fit, noise_freedoms=noise.freedoms)
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))

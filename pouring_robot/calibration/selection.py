@@ -13,7 +13,6 @@ import numpy as np
 
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.kinds import KINDS, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, identify
@@ -124,7 +123,7 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         rows, measured = self.rows.with_parameters(all_parameters(groups)), self.measured
-        prior = prior_std(rows.model, self.tolerances, framed=measured.framed)
+        prior = rows.model.prior_std(self.tolerances, framed=measured.framed)
         scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, ((train, fitted), (judged, seen)) in zip(self._frames, self._folds, strict=True):
             start, told = Unknowns.zero(frames.frames, prior.size - FRAMES), seen.known.any(axis=1)

@@ -24,8 +24,7 @@ from pouring_robot.effects.nominal_rows import NominalRows, nominal_rows
 from pouring_robot.effects.stack import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.fit_priors import FRAME_STD
-from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
+from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import base_displacements, numbers_of, session_parameters
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction

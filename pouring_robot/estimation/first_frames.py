@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.fit_priors import FRAME_STD
 from pouring_robot.estimation.frames.fit import fit_frames
-from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
+from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pouring_robot.batch import BatchClosure, BatchStart, Engine, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.changes import RowChanges
-from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
+from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAME_STD, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements, numbers_of
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
@@ -40,6 +40,9 @@ from pouring_robot.mechanism.local_parameters import (
 )
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.tolerances import Tolerances
+
+_HELD_STD = 1e-9  # m and rad: of frames that nobody measured from
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +170,15 @@ class MeasurementModel:
         other = copy.copy(self)
         other._choose(parameters)
         return other
+
+    def prior_std(self, tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
+        """Return the standard deviations of all unknowns before measuring, shape (12 + P,), in m and rad.
+
+        Those of parameters are the tolerances of the robot's parts. Of the frames, of sessions too, hardly anything is
+        known; the outer ones are held if nothing was measured from outside (``framed``).
+        """
+        frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD_STD), np.full(len(self.sessions), FRAME_STD)
+        return np.concatenate([frames, tolerances.std(self.parameters, self.model.definition), others])
 
     def at(
         self, drives: FloatArray, start: BatchStart | None = None, sessions: Sequence[str] | None = None

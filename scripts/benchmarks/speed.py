@@ -27,7 +27,6 @@ from rich.progress import track
 from rich.table import Table
 
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.map_fit import Fit, identify
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.estimation.noise import NoiseLevel
@@ -290,7 +289,7 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
     groups = drawing.parameters.groups((wanted,))
     model = MeasurementModel(RobotModel(), all_parameters(groups)[:parameters])
     study = StudyOptions(rows=poses)
-    prior, sizes = prior_std(model, tolerances), tolerances.std(model.parameters, model.model.definition)
+    prior, sizes = model.prior_std(tolerances), tolerances.std(model.parameters, model.model.definition)
 
     def fit(seed: int, watch: Stopwatch | None) -> Fit:
         truth = np.random.default_rng([seed, 3]).normal(size=parameters) * sizes

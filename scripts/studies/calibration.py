@@ -23,7 +23,6 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.intervals import Z95
@@ -204,7 +203,7 @@ def _run(
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()
     start = first_frames(train, seen)
-    fit = identify(train, seen, start, prior_std(model, tolerances), FitOptions(curvature=True))
+    fit = identify(train, seen, start, model.prior_std(tolerances), FitOptions(curvature=True))
     seconds = time.perf_counter() - clock
     wrong = fit.unknowns.values[FRAMES:] - truth
     shares = _shares(

@@ -5,8 +5,7 @@ import pytest
 
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import told_directions
-from pouring_robot.estimation.fit_priors import FRAME_STD
-from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES
 from pouring_robot.inference.problem import Nuisance
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES

@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.estimation.fit_priors import prior_std
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
@@ -37,7 +36,7 @@ class Virtual:
 
     def __init__(self, drawing, model, count, seed=0, scale=1.0, sigma=SIGMA):
         random = np.random.default_rng(seed)
-        self.model, self.prior = model, prior_std(model, Tolerances.load())
+        self.model, self.prior = model, model.prior_std(Tolerances.load())
         self.truth = random.normal(size=len(model.parameters)) * self.prior[FRAMES:] * scale
         self.rows = model.at(random_plan(drawing, count, seed + 1).drives)
         zero = Unknowns.zero(TRUE_FRAMES, len(self.truth))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.fit_priors import FRAME_STD, prior_std
-from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.local_parameters import placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -15,7 +14,7 @@ from tests.support import ROOT
 
 def test_priors_are_in_metres_and_radians(drawing):
     tolerances, model = Tolerances.load(), model_of(drawing, "all")
-    prior = prior_std(model, tolerances)
+    prior = model.prior_std(tolerances)
     np.testing.assert_array_equal(prior[:FRAMES], FRAME_STD)
     by_name = dict(zip(model.names, prior, strict=True))
     assert by_name["leg1_s1.tx"] == pytest.approx(1e-3 * tolerances.kinds.joint_centre.std)

@@ -28,6 +28,9 @@ FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
 )
 """The twelve unknowns of the two outer frames, first in every vector of unknowns."""
 FRAMES = len(FRAME_PARAMETERS)
+FRAME_STD = 0.1
+"""Of the outer frames against their first fit, in m and rad: nothing is known of them. Large against what any campaign
+leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
 
 
 @dataclass(frozen=True, eq=False)
