@@ -1,7 +1,5 @@
 """From a campaign to a calibrated robot: check, split, choose, fit, judge on rows nobody has looked at."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,10 +1,9 @@
 """How good a calibration is: residuals, accuracy and repeatability after ISO 9283, and how well it knows the ladle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class Misfit:
     line_rms_mm: float  # root mean square of a distance or closure
 
     @classmethod
-    def of(cls, difference: FloatArray) -> Misfit:
+    def of(cls, difference: FloatArray) -> Self:
         """Take differences (n, K) in m and rad, NaN where missing."""
         position, turn, line = difference[:, :3] / MM, difference[:, 3:6] / MRAD, difference[:, 6:] / MM
         length = difference[:, length_columns(difference)] / MM

@@ -6,8 +6,6 @@ anew, so that neither names nor sizes know it, where the amended robot was linea
 jackknife's over blocks, so what the rows of a block share counts once.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -5,12 +5,11 @@ load, temperatures, travels, the side of approach, and a drive's own value. Whic
 varies with it, the data say.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -72,7 +71,7 @@ class Places:
         sigma: FloatArray,
         axes: FloatArray,
         drives: Sequence[Channel],
-    ) -> Places:
+    ) -> Self:
         """Return them from m equations, each with its row, component and noise, (m,) each, in m or rad.
 
         ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` what a m or rad of each does.

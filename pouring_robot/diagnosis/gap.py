@@ -1,9 +1,7 @@
 """The gap between model and measurement, before and after, against the noise floor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -42,7 +40,7 @@ class Gap:
     counts: Indices  # number of values, shape (K,)
 
     @classmethod
-    def between(cls, before: WhitenedRows, after: WhitenedRows, rows: BoolArray, sigma: FloatArray) -> Gap:
+    def between(cls, before: WhitenedRows, after: WhitenedRows, rows: BoolArray, sigma: FloatArray) -> Self:
         """Return the gap of some rows, by a mask (n,), from residuals of all; sigma (K,) is the noise, in m and rad."""
         size = len(sigma)
         was, left = (_by_component(seen.of(rows), size) for seen in (before, after))

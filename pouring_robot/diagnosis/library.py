@@ -1,10 +1,9 @@
 """A campaign as a problem for the search: signatures of all effects at the present state of the robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class Library:
         chosen: Mapping[str, Effect],
         made_within: float | None = None,
         kept: Collection[tuple[str, str]] = (),
-    ) -> Library:
+    ) -> Self:
         """Return the library for a campaign, of effects that may be named, by id.
 
         Forms that are ``kept``, by effect and form, are there even if others make the same in these rows.

@@ -15,8 +15,6 @@ its place in the row that ``distance_from`` names. A closure is what redundant d
 columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring_robot.campaign.metadata`.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self

@@ -5,11 +5,9 @@ model. What it leaves unexplained is drawn, enlarged, from where the ladle was m
 are one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -52,7 +50,7 @@ class SeenState:
     measured: FloatArray
 
     @classmethod
-    def of(cls, name: str, rows: CampaignRows, changes: RowChanges, frames: OuterFrames) -> SeenState:
+    def of(cls, name: str, rows: CampaignRows, changes: RowChanges, frames: OuterFrames) -> Self:
         """See the rows of a campaign with changes put into the robot."""
         seen = rows.predicted(changes, frames)
         turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)

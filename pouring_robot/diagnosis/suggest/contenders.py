@@ -1,9 +1,8 @@
 """Explanations that survive a diagnosis, and those nearest to it: what the next measurements should tell apart."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class Contender:
     log_evidence: float  # its own, in nats, up to a constant of the campaign
 
     @classmethod
-    def of(cls, name: str, hypothesis: Hypothesis) -> Contender:
+    def of(cls, name: str, hypothesis: Hypothesis) -> Self:
         """Return a hypothesis as a contender."""
         return cls(name, hypothesis, hypothesis.log_evidence)
 

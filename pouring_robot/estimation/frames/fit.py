@@ -11,9 +11,8 @@ uncertain by one (Weyl's inequality), and a misfit that is all of one kind moves
 than a radian or the whole spread.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -95,7 +94,7 @@ class _Axes:
     inner: FloatArray  # place of the target in the moving platform, (3,), in m
 
     @classmethod
-    def of(cls, frames: OuterFrames, poses: PoseStack) -> _Axes:
+    def of(cls, frames: OuterFrames, poses: PoseStack) -> Self:
         """Return those of frames and complete poses as they are."""
         places = frames.places(poses)
         middle = places.mean(axis=0)

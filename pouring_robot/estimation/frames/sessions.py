@@ -5,8 +5,6 @@ Whole poses and places are brought into the frame of the largest session first, 
 displacement of the base in its own axes that this session's rows see, fitted with everything else.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

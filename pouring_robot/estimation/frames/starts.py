@@ -12,8 +12,6 @@ hold no gross error; all rows then judge by their absolute misfit (least squares
 24, 1981).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
