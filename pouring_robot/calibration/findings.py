@@ -30,10 +30,8 @@ from pouring_robot.robot.parameter_catalogue import ParameterGroup
 if TYPE_CHECKING:
     import pandas
 
-LEARNT = 0.5
-"""A parameter is measured when the data took at least this share of its prior variance away."""
-SEEN = 0.01
-"""Below this share no pose of the campaign shows a parameter by itself."""
+LEARNT = 0.5  # a parameter is measured when the data took at least this share of its prior variance away
+SEEN = 0.01  # below this share no pose of the campaign shows a parameter by itself
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -35,8 +35,7 @@ from pouring_robot.robot.export.closed_robot import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 FIGURES, REPORT = "calibration.json", "report.html"
-SHOWN, WIDTH = 6, 60
-"""Combinations, and letters of each, shown on a terminal; the page shows all."""
+SHOWN, WIDTH = 6, 60  # combinations, and letters of each, shown on a terminal; the page shows all
 
 
 def gap_table(calibration: CalibrationFindings) -> Table:

@@ -28,8 +28,7 @@ from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.location_figures import Figures
 from pouring_robot.robot.model import RobotModel
 
-MODEL = "calibrated.yaml"
-"""What the file of the calibrated model is called."""
+MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
 _BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 

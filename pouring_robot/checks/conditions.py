@@ -20,8 +20,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
-LEAST_PAUSE_S = 1.0
-"""So long a robot stands still at least, and is measured."""
+LEAST_PAUSE_S = 1.0  # so long a robot stands still at least, and is measured
 _SLIGHT = 1e-3  # of the robot's mass: a load that bends nothing
 _COLD_K, _ALIKE_K, _APART_K = 10.0, 5.0, 30.0
 _FEWEST_COLD = 3

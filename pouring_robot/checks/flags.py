@@ -11,8 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import CampaignError, some
 from pouring_robot.mechanism.arrays import Indices
 
-FEW_ROWS = 20
-"""Below this many usable rows little beyond the two frames can be told."""
+FEW_ROWS = 20  # below this many usable rows little beyond the two frames can be told
 FEW_VALUES = 60
 """Coordinates of so many rows; where a row is one number, as a distance or a closure is, it takes more rows."""
 
@@ -20,12 +19,9 @@ FEW_VALUES = 60
 class Severity(enum.StrEnum):
     """How much a finding matters."""
 
-    ERROR = "error"
-    """A fit of these data would be wrong."""
-    WARNING = "warning"
-    """Some rows or columns should be looked at, and mended or left out."""
-    NOTE = "note"
-    """Good to know; limits what can be found out."""
+    ERROR = "error"  # a fit of these data would be wrong
+    WARNING = "warning"  # some rows or columns should be looked at, and mended or left out
+    NOTE = "note"  # good to know; limits what can be found out
 
 
 _ERROR, _WARNING, _NOTE = Severity

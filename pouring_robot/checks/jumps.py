@@ -15,8 +15,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 _JUMP_SIGMAS = 5.0
 """A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
-JUMP_WINDOW = 10
-"""Rows on either side that a step needs."""
+JUMP_WINDOW = 10  # rows on either side that a step needs
 _JUMP_PLACES = 400
 _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 

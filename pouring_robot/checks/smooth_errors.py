@@ -22,8 +22,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
-ROWS_PER_TERM = 4
-"""Rows that a term of a smooth function needs."""
+ROWS_PER_TERM = 4  # rows that a term of a smooth function needs
 _RIDGE = 1e-3
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
 _VARIES = 1e-6  # of rotations, root mean square; below it they stand still

@@ -38,8 +38,7 @@ from pouring_robot.robot.description.drawing import Drawing
 
 FALSE_ALARMS = 1e-3
 """Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""
-LEAST_FACTOR = 2.0
-"""A data sheet's figure is not better known."""
+LEAST_FACTOR = 2.0  # a data sheet's figure is not better known
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
 _ORDERS = 8  # waves of a turn, as of encoders, gears and screws; they fall with the order

@@ -25,8 +25,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _FEWEST_BLOCKS = 2
-FEWEST_VALUES = 50
-"""Held-out values from which on one block tells its error to a tenth, and is enough."""
+FEWEST_VALUES = 50  # held-out values from which on one block tells its error to a tenth, and is enough
 
 
 @dataclass(frozen=True, eq=False)

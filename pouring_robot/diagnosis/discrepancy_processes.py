@@ -28,8 +28,7 @@ from pouring_robot.robot.description.drive import Drive
 
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
-_VARIED = 0.1
-"""Usual share by which the size of an effect varies; evidence is averaged over the same range about it."""
+_VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
 DRIVES, SEEN = "drives", "seen place"
 CONSTANT = "a constant"
 SIDE = "side of approach"
@@ -48,10 +47,8 @@ _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
 _LEAN_LENGTHS = {"coarsely": 0.5, "finely": 0.25}
 _LEAN_UNIT_M, _LEAN_UNIT_RAD = 0.3, 0.4
 
-Lengths = dict[str, FloatArray]
-"""Courses (n, k) by the length scale in words."""
-Inside = Callable[[str], Channel]
-"""Gives the channel of a single local parameter by its name."""
+Lengths = dict[str, FloatArray]  # courses (n, k) by the length scale in words
+Inside = Callable[[str], Channel]  # gives the channel of a single local parameter by its name
 
 
 @dataclass(frozen=True, eq=False)

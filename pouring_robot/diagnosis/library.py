@@ -12,8 +12,7 @@ from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.inference.problem import WORKMANSHIP_FORM, Explanation, Workmanship
 
-SOFTNESS = "background_softness"
-"""What is called no effect but fitted: see :func:`_softness`."""
+SOFTNESS = "background_softness"  # what is called no effect but fitted: see :func:`_softness`
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ class FoundParameter(Estimate):
     freedoms: float = math.inf  # degrees of freedom that tell it
 
 
-FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]
-"""Parameters by effect and form."""
+FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]  # parameters by effect and form
 
 
 def sure_text(probability: float) -> str:

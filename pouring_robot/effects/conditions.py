@@ -26,8 +26,7 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
 _TURNED, _STILL = 1e-9, 1e-6
-_TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)
-"""Angles that are no further apart are in one arc."""
+_TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)  # angles that are no further apart are in one arc
 
 
 @functools.lru_cache(maxsize=16)

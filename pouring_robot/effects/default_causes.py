@@ -21,10 +21,8 @@ HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
 (encoder, gear, transmission) is not asked: an error whose steps around the turn are independent of each other, as
 those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
-_USUAL_MOMENT_NM = 100.0
-"""Where nobody says what drives are made for: of an arm that carries some 10 kg."""
-_ZERO_MRAD = 10.0
-"""Usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree."""
+_USUAL_MOMENT_NM = 100.0  # where nobody says what drives are made for: of an arm that carries some 10 kg
+_ZERO_MRAD = 10.0  # usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
 _NO_LIMITS_M, _LONGEST_M = (-1.0, 1.0), 100.0

@@ -194,8 +194,7 @@ _OF_POSE = {
     ),
     "height_m": Facts(_Z, by_pose=True),
 }
-ALWAYS = ("tilt_rad", "height_m", "time_s")
-"""What anything can be drawn over."""
+ALWAYS = ("tilt_rad", "height_m", "time_s")  # what anything can be drawn over
 
 
 def held_still(name: str, conditions: Conditions) -> bool:

@@ -31,8 +31,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 
 Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
-CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
-"""Observability indices; D is O1."""
+CRITERIA: tuple[Criterion, ...] = get_args(Criterion)  # observability indices; D is O1
 _ENDS = {"O2": (1, -1), "O3": (1, 0), "O4": (2, -1)}  # powers of the least and the largest singular value
 RANK_TOLERANCE = 1e-9
 """Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of

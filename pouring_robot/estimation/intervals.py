@@ -10,8 +10,7 @@ import math
 
 from scipy.special import stdtrit
 
-Z95 = 1.959963984540054
-"""Half the 95 % interval of a normal value in standard deviations: its quantile of 0.975."""
+Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
 
 
 def deviations95(freedoms: float) -> float:

@@ -327,8 +327,7 @@ def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer
     return group
 
 
-HELP_PAGE = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
-"""What help pages have in common."""
+HELP_PAGE = {"help_option_names": ["-h", "--help"], "max_content_width": 120}  # what help pages have in common
 
 
 def _spread(command: Callable[..., None]) -> Callable[..., None]:

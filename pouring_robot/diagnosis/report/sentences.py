@@ -27,8 +27,7 @@ from pouring_robot.robot.description.cause_types import AxisTilt
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
 _BEYOND_DOUBT = 1000.0
-_GAP = 1.2
-"""How many times the noise a gap must be: of one that is hardly there a share says nothing."""
+_GAP = 1.2  # how many times the noise a gap must be: of one that is hardly there a share says nothing
 
 
 def plain(name: str) -> str:

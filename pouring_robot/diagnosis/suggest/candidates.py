@@ -37,14 +37,12 @@ from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 
 SESSION = "next"
 _HOUR_S = 3600.0
-_BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
-"""Hours after the campaign, and whether the machine is hot."""
+_BLOCKS = ((2.0, False), (6.0, True), (10.0, False))  # hours after the campaign, and whether the machine is hot
 _TRIES = 4
 _TURNED = 1e-9
 _ROUND_OFF = 1e-8
 _PROCESS = "process"
-_FRAME = 0.02
-"""How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
+_FRAME = 0.02  # how far the frames of the new rows may be off, in m and rad: further than anybody fails to see
 
 
 def in_mm_deg(pose: pin.SE3) -> dict[str, float]:

@@ -28,10 +28,8 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 USUAL_COUNT = 10
 RANDOM_SETS = 50
-LITTLE_NATS = 3.0
-"""Measurements that tell less tell little: odds of 20."""
-_NO_NATS = 0.05
-"""What tells less tells nothing: it is said as 0.0."""
+LITTLE_NATS = 3.0  # measurements that tell less tell little: odds of 20
+_NO_NATS = 0.05  # what tells less tells nothing: it is said as 0.0
 _CANDIDATES = 75
 NO_POSE = "no pose tells them apart: of what is measured they do the same"
 _OPEN = "measure where the two predict most apart: the poses listed"

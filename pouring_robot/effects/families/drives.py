@@ -27,8 +27,7 @@ _WAVES = (("sine", np.sin), ("cosine", np.cos))
 _PRESSED = "pressed_from_"
 _PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
 """Forces that press a nut against friction, over the usual one: a third to three, by R40 of the preferred numbers."""
-_NO_FORCE = 1e-9
-"""N, Nm: what round-off makes of the force on a drive that carries nothing, as one about the vertical."""
+_NO_FORCE = 1e-9  # N, Nm: what round-off makes of the force on a drive that carries nothing, as one about the vertical
 
 
 @dataclass(eq=False)
@@ -150,8 +149,7 @@ class Coupling(Family):
     """A turning drive goes along with another one, in proportion: shafts, belts or rods lead past the other's joint."""
 
     driven_by = "angles_rad"
-    _PAST = 2
-    """Joints that are led past: a hollow wrist has all its three motors behind it."""
+    _PAST = 2  # joints that are led past: a hollow wrist has all its three motors behind it
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Of one drive by one before it, from where the count of that is zero; or of two neighbours by each other."""

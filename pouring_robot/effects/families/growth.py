@@ -25,8 +25,7 @@ _Shape = tuple[str, float, dict[str, FloatArray]]
 _PPM = 1e-6
 STEEL_PPM = 12.0  # per kelvin
 _BIAS_K = 4.0
-_OWN = 0.3
-"""Share by which a part may grow otherwise than the others: another steel, another length that is hot."""
+_OWN = 0.3  # share by which a part may grow otherwise than the others: another steel, another length that is hot
 _LAGS_S = (150.0, 600.0, 2400.0)
 """Time constants of a part behind its thermometer, from thin to thick: three span all between them."""
 

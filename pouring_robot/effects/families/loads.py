@@ -15,16 +15,11 @@ from pouring_robot.mechanism.weight_on_joints import up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _LATER = 0.2
-_LEAST = 1e-4
-"""Share of the usual force, or of a newton carried, below which weight is taken to put none on a drive."""
-_ROUND_OFF = 1e-12
-"""Share of a direction that an axis of the base has no part in."""
-_UPRIGHT = 1e-3
-"""Sine of the angle to the vertical below which a travel is one that lifts."""
-_OWN = 0.5
-"""By how much one drive may be softer than the others."""
-_ORDERS = 6
-"""Of a beam's line under a load that moves along it: x^3 (1 - x)^3 where its ends are built in."""
+_LEAST = 1e-4  # share of the usual force, or of a newton carried, below which weight is taken to put none on a drive
+_ROUND_OFF = 1e-12  # share of a direction that an axis of the base has no part in
+_UPRIGHT = 1e-3  # sine of the angle to the vertical below which a travel is one that lifts
+_OWN = 0.5  # by how much one drive may be softer than the others
+_ORDERS = 6  # of a beam's line under a load that moves along it: x^3 (1 - x)^3 where its ends are built in
 
 
 def _at(load: float, unit: str) -> str:

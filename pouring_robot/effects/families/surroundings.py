@@ -12,8 +12,7 @@ from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, component_unit
 
-_SETTLING = (0.15, 0.3, 0.6)
-"""Time constants of settling, as shares of the campaign."""
+_SETTLING = (0.15, 0.3, 0.6)  # time constants of settling, as shares of the campaign
 
 
 class BaseDrift(Family):

@@ -22,8 +22,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors
 
-SESSION = "session "
-"""How the names of what only a session sees begin."""
+SESSION = "session "  # how the names of what only a session sees begin
 _ROUNDS = 12
 
 

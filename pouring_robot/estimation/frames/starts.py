@@ -22,8 +22,7 @@ from pouring_robot.io.seeds import FRAMES_SEED
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_matrices, skew
 
-FEWEST_FOR_FRAMES = 6
-"""Rows that a fit of the frames needs at the least."""
+FEWEST_FOR_FRAMES = 6  # rows that a fit of the frames needs at the least
 _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _STEPS = 20
@@ -32,8 +31,7 @@ _CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
 _MOST_STARTS = 3
-_TURNS = 1e-6
-"""Root mean square of what varies of rotation matrices: below it no instrument sees them turn."""
+_TURNS = 1e-6  # root mean square of what varies of rotation matrices: below it no instrument sees them turn
 _ROUND_OFF = 1e-9
 
 
