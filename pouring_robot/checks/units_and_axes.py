@@ -86,6 +86,11 @@ class Comparison:
         rotation = None if vectors is None else rotation_matrices(vectors)
         return fit_frames(self.poses, self.position_m, rotation, metres_per_rad, rough=rough)
 
+    def turned(self, change: Callable[[FloatArray], FloatArray]) -> Self:
+        """Return the same with measured rotation vectors changed, if there are any."""
+        vectors = self.rotation_vector_rad
+        return self if vectors is None else dataclasses.replace(self, rotation_vector_rad=change(vectors))
+
     def inverse(self) -> Self:
         """Return the same with the measured poses taken for those of the tracker's side."""
         return dataclasses.replace(self, poses=self.poses.inverse(), inverted=True)
@@ -143,12 +148,7 @@ def _turned(
     names: Sequence[str] = columns.ROTATION,
 ) -> Mistake:
     """Return a mistake of rotation vectors; the change takes rows (n, 3) of what was read to vectors in rad."""
-
-    def undo(data: Comparison) -> Comparison:
-        vectors = data.rotation_vector_rad
-        return dataclasses.replace(data, rotation_vector_rad=None if vectors is None else change(vectors))
-
-    return Mistake(code, message, names, undo)
+    return Mistake(code, message, names, lambda data: data.turned(change))
 
 
 def _turn_mistakes() -> Iterator[Mistake]:
@@ -239,9 +239,7 @@ def _placed(data: Comparison, factor: float | FloatArray = 1.0, order: Indices |
 
 def _mirrored(data: Comparison) -> Comparison:
     """Return the same with positions and rotations seen in a mirror: where x is reversed, turns about y and z are."""
-    vectors = data.rotation_vector_rad
-    turned = None if vectors is None else vectors * np.array([1.0, -1.0, -1.0])
-    return dataclasses.replace(reversed_x(data), rotation_vector_rad=turned)
+    return reversed_x(data).turned(functools.partial(np.multiply, [1.0, -1.0, -1.0]))
 
 
 def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
