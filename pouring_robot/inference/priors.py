@@ -2,8 +2,8 @@
 
 Three are not of hypotheses and stand elsewhere: how large each parameter of an effect usually is, in its unit, is its
 ``prior_std`` (:mod:`pouring_robot.effects.families`); how large something unknown is, and how fast it varies, stands in
-:mod:`pouring_robot.diagnosis.discrepancy_processes`; what fits know of parameters and frames
-``prior_std`` of :class:`pouring_robot.estimation.measurement.MeasurementModel`.
+:mod:`pouring_robot.diagnosis.discrepancy_processes`; what fits know of parameters and frames, in
+:meth:`pouring_robot.estimation.measurement.MeasurementModel.prior_std`.
 """
 
 from collections.abc import Sequence
