@@ -13,6 +13,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.frames.starts import TURNING
 from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.estimation.robust import huber_weights, tukey_weights
 from pouring_robot.io.units import shown_in
@@ -25,7 +26,6 @@ from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 ROWS_PER_TERM = 4  # rows that a term of a smooth function needs
 _RIDGE = 1e-3
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
-_VARIES = 1e-6  # of rotations, root mean square; below it they stand still
 _GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
 _SLOW = ("time", "temperature")
 
@@ -115,7 +115,7 @@ def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> Floa
 
 def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
     """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
-    pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
+    pose_terms = [scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
     kinds = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
     kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
     conditions = [campaign.conditions[name] for name in kept]
@@ -123,7 +123,7 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
     terms = [np.ones(len(campaign)), *pose_terms]
     for values in conditions:
         if np.unique(values[np.isfinite(values)]).size > 1:
-            terms.append(_scaled(np.where(np.isfinite(values), values, np.nanmedian(values))))
+            terms.append(np.nan_to_num(scaled(values)))
     return terms, 1 + len(pose_terms)
 
 
@@ -156,10 +156,11 @@ def _turns(poses: PoseStack) -> FloatArray:
     known = poses.complete
     middle = rotation[known].mean(axis=0)
     _, sizes, axes = np.linalg.svd(rotation[known] - middle, full_matrices=False)
-    return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)
+    return np.asarray((rotation - middle) @ axes[sizes > TURNING * np.sqrt(known.sum())].T)
 
 
-def _scaled(values: FloatArray) -> FloatArray:
+def scaled(values: FloatArray) -> FloatArray:
+    """Return values (n,) about their median, over their spread, NaN where there are none; 0 where they stand still."""
     spread = float(np.nanstd(values))
     centred = values - np.nanmedian(values)
     return centred / spread if spread > 1e-12 else 0.0 * centred

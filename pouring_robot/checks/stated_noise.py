@@ -27,7 +27,7 @@ from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.checks.smooth_errors import joint_effect
+from pouring_robot.checks.smooth_errors import joint_effect, scaled
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
@@ -229,9 +229,8 @@ def _conditions(campaign: Campaign, rows: Indices, kind: str = "") -> Iterator[F
     kind_of = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
     for name, values in campaign.conditions.items():
         known = values[rows]
-        spread = float(np.nanstd(known)) if np.isfinite(known).any() else 0.0
-        if spread > 0.0 and kind in ("", kind_of[name]):
-            yield np.nan_to_num((known - np.nanmean(known)) / spread)
+        if np.unique(known[np.isfinite(known)]).size > 1 and kind in ("", kind_of[name]):
+            yield np.nan_to_num(scaled(known))
 
 
 def _sessions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:

@@ -128,9 +128,9 @@ class Fit:
     @property
     def inflation(self) -> float:
         """Factor on all standard deviations: by how much residuals exceed the noise where that is no accident, or 1."""
-        freedom = self.freedom()
-        accident = freedom <= 1.0 or chance_of(self.chi_square(), freedom, self.noise_freedoms) >= _SURE
-        return 1.0 if accident else self.scatter()
+        larger = self.scatter()
+        sure = larger > 1.0 and chance_of(self.chi_square(), self.freedom(), self.noise_freedoms) < _SURE
+        return larger if sure else 1.0
 
     @property
     def interval_freedoms(self) -> float:

@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
+from pouring_robot.estimation.frames.fit import RESOLUTION
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import commands
@@ -32,7 +33,6 @@ _KNOWN = 0.1
 """Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
 they leave open there would have ten times the variance that all rows leave."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
-_RESOLUTION = 1e-6  # what shows less than this is told by no data
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     both = known + asked
     sizes = np.sqrt(np.maximum(np.diag(both), 1e-300))  # metres and radians
     squared, axes = np.linalg.eigh(both / sizes / sizes[:, None])
-    kept = squared > _RESOLUTION**2 * squared.max(initial=0.0)
+    kept = squared > RESOLUTION**2 * squared.max(initial=0.0)
     axes = axes[:, kept] / np.sqrt(squared[kept])
     share = axes.T @ (known / sizes / sizes[:, None]) @ axes
     return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= _KNOWN)

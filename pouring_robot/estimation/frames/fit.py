@@ -26,7 +26,7 @@ from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray, robust_sigma
 from pouring_robot.mechanism.rotations import skew
 
-_RESOLUTION = 1e-6
+RESOLUTION = 1e-6
 """Least misfit, in the spread and in rad: no instrument reads finer, so what shows less is told by no data."""
 _TURNS = 0.1  # rad for a shift by the spread: what turns less shifts
 _STEPS, _TRIAL_STEPS = 60, 8
@@ -157,7 +157,7 @@ class _Untold:
         values = self.axes.columns @ direction
         values /= values[lead]
         order = [lead, *(k for k in range(FRAMES) if k != lead)]
-        return {FRAME_PARAMETERS[k].name: float(values[k]) for k in order if abs(values[k]) > _RESOLUTION}
+        return {FRAME_PARAMETERS[k].name: float(values[k]) for k in order if abs(values[k]) > RESOLUTION}
 
 
 def _led(directions: FloatArray) -> FloatArray:
@@ -166,7 +166,7 @@ def _led(directions: FloatArray) -> FloatArray:
         return directions
     leads = np.sort(scipy.linalg.qr(directions.T, pivoting=True)[2][: directions.shape[1]])
     led = directions @ np.linalg.inv(directions[leads])
-    return np.asarray(np.where(np.abs(led) > _RESOLUTION, led, 0.0))
+    return np.asarray(np.where(np.abs(led) > RESOLUTION, led, 0.0))
 
 
 class _Fit:
@@ -209,8 +209,8 @@ class _Fit:
         """Return what the data do not tell, given the misfit: directions with a σ below one; see the module."""
         axes = _Axes.of(frames, self.complete)
         jacobian = frames.jacobian(self.poses) @ axes.columns
-        jacobian[:, :3] /= max(misfit_m, _RESOLUTION * axes.length)
-        jacobian[:, 3:] /= max(misfit_rad, _RESOLUTION)
+        jacobian[:, :3] /= max(misfit_m, RESOLUTION * axes.length)
+        jacobian[:, 3:] /= max(misfit_rad, RESOLUTION)
         known = np.isfinite(np.concatenate([self.measured.position_m, self.measured.rotation[:, 0]], axis=1))
         rows = jacobian[known & np.isfinite(jacobian).all(axis=2)]
         compact = np.asarray(np.linalg.qr(rows / np.sqrt(len(self.poses)), mode="r"))

@@ -31,7 +31,7 @@ _CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
 _MOST_STARTS = 3
-_TURNS = 1e-6  # root mean square of what varies of rotation matrices: below it no instrument sees them turn
+TURNING = 1e-6  # root mean square of what varies of rotation matrices: below it no instrument sees them turn
 _ROUND_OFF = 1e-9
 
 
@@ -76,7 +76,7 @@ def affine_map(poses: PoseStack, position_m: FloatArray, rows: BoolArray) -> tup
     p, r = poses.position_m[rows], poses.rotation[rows].reshape(-1, 9)
     p, r = p - p.mean(axis=0), r - r.mean(axis=0)
     left, varying, _ = np.linalg.svd(r, full_matrices=False)
-    turns = left[:, varying > _TURNS * np.sqrt(len(r))]
+    turns = left[:, varying > TURNING * np.sqrt(len(r))]
     design = np.column_stack([p, turns, np.ones(len(p))])
     rest = p - turns @ (turns.T @ p)
     singular = np.linalg.svd(rest, compute_uv=False)
@@ -129,7 +129,7 @@ class _Form:
         gram -= weight[:, None, None] * np.swapaxes(self.mean, 1, 2) @ self.mean  # with c at its best
         size, frame = np.linalg.eigh(gram[:, 9:12, 9:12])
         # t_2 is told by what varies of the rotations, whose entries are of size one.
-        varies = size > _TURNS**2 * weight[:, None]
+        varies = size > TURNING**2 * weight[:, None]
         inverse = (frame * (varies / np.where(varies, size, 1.0))[:, None]) @ np.swapaxes(frame, 1, 2)
         kept = [*range(9), 12]
         self.to_inner = -inverse @ gram[:, 9:12, kept]
