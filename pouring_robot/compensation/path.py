@@ -25,7 +25,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure
-from pouring_robot.compensation.pose import LOCKED, least_commanded
+from pouring_robot.compensation.pose import LOCKED, MOST_STEPS, least_commanded
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -44,7 +44,6 @@ from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, Warm
 from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 NOT_FOUND = "not found"
-_MOST_STEPS = 12
 POINTS = (5, 5, 7, 8)
 """Chebyshev points along x, y, z and the tilt."""
 _CLIMBERS, _TRIES, _CLIMBS = 8, 8, 4
@@ -129,7 +128,7 @@ class PathSearch:
         best = np.full(len(drives), np.inf)
         closed = self.warm.close(drives, start)
         left = before = self.left(closed)
-        for _ in range(_MOST_STEPS):
+        for _ in range(MOST_STEPS):
             size = np.abs(left).max(axis=1)
             going = closed.closed & ~settled(size, best)
             if not going.any():

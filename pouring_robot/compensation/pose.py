@@ -45,7 +45,7 @@ from pouring_robot.thermal.network.history import POSE_COLUMNS
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
 LOCKED = 1e-9
 """Where :func:`least_commanded` is no more, no drives move the frame along some direction."""
-_MOST_STEPS = 25
+MOST_STEPS = 25
 _FAR = 0.1  # of Newton's longest step: drives that go further, 10 mm or 0.03 rad, are said
 
 
@@ -144,7 +144,7 @@ class _Search:
     def close(self, warm: WarmRobot) -> list[ClosureResult]:
         """Bring a warm robot to the pose, from the drive values found last; return the closures on the way."""
         start, best, way = self.start, np.inf, []
-        for _ in range(_MOST_STEPS):
+        for _ in range(MOST_STEPS):
             result = warm.actual_solver.solve(warm.actual_drives(self.drives), start)
             way.append(result)
             left = self.left(result)

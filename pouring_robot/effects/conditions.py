@@ -25,7 +25,7 @@ from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
-_TURNED, _STILL = 1e-9, 1e-6
+TURNED, _STILL = 1e-9, 1e-6
 _TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)  # angles that are no further apart are in one arc
 
 
@@ -121,7 +121,7 @@ class Conditions:
     @property
     def tilt_rad(self) -> FloatArray | None:
         """Nominal turn of the end body about the base's y, (n,); None where it turns otherwise, too."""
-        if np.abs(self.rotation[:, 1, 1] - 1.0).max() > _TURNED:
+        if np.abs(self.rotation[:, 1, 1] - 1.0).max() > TURNED:
             return None
         return tilts(self.rotation)
 

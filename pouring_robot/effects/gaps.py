@@ -6,7 +6,7 @@ row, loads, travels, sides, may stay as it was for many rows or be drawn anew fo
 
 import numpy as np
 
-from pouring_robot.campaign.columns import runs_in_time
+from pouring_robot.campaign.columns import approach_names, runs_in_time
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
@@ -60,7 +60,7 @@ def filled_in(campaign: Campaign, name: str) -> FloatArray | None:
     order = np.argsort(time[known], kind="stable")
     cells = np.interp(time[~known], time[known][order], values[known][order])
     whole = np.array(values)
-    whole[~known] = np.sign(cells) + (cells == 0.0) if name.startswith("approach_") else cells
+    whole[~known] = np.sign(cells) + (cells == 0.0) if name in approach_names(campaign.robot) else cells
     return whole
 
 

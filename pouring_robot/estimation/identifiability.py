@@ -159,7 +159,7 @@ def observability_index(singular_values: FloatArray, criterion: Criterion, poses
 
 def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
     """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
-    values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
+    values = np.maximum(singular_values, RANK_TOLERANCE * np.max(singular_values))
     index, places = observability_index(values, criterion, poses), np.arange(len(values))
     power = index / values if criterion == "O5" else np.full(len(values), 1.0 / len(values))  # of each in the index
     if criterion in _ENDS:

@@ -161,6 +161,17 @@ def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, f
     assert mimic_notes({}) == []
 
 
+@pytest.mark.parametrize("form", ["sdf", "drake"])
+def test_sdf_puts_a_motor_at_every_drive_and_at_nothing_else(tied, tmp_path, form):
+    """What reads an effort of 0 puts none there; a URDF that was drawn by CAD says so of all joints."""
+    urdf = tied.definition.path.with_name("tied.urdf")
+    urdf.write_text(urdf.read_text("utf-8").replace('effort="9"', 'effort="0"'), "utf-8")
+    closed = at_pose(RobotModel.for_robot(tied.definition.path), [0.35, 0.005])
+    root = etree.parse(written(closed, tmp_path / "out", form))
+    moving = {joint.get("name"): float(joint.findtext("axis/limit/effort", "0")) for joint in root.iter("joint")}
+    assert {name for name, effort in moving.items() if effort > 0.0} == {"turn", "slide"}
+
+
 def test_tables_of_joints_are_of_the_tree_whose_joints_hold_offsets(tied):
     robot, command = robot_of(tied), [0.35, 0.005]
     row = JointRow.of(robot.location_at(command).actual, tied.drive_offset_values())

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
@@ -21,6 +20,7 @@ from pouring_robot.diagnosis.discrepancy_processes import processes_of
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.effects.conditions import TURNED
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
@@ -30,6 +30,7 @@ from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.cause_types import Thermometers
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -39,7 +40,6 @@ SESSION = "next"
 _HOUR_S = 3600.0
 _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))  # hours after the campaign, and whether the machine is hot
 _TRIES = 4
-_TURNED = 1e-9
 _ROUND_OFF = 1e-8
 _PROCESS = "process"
 _FRAME = 0.02  # how far the frames of the new rows may be off, in m and rad: further than anybody fails to see
@@ -49,7 +49,7 @@ def in_mm_deg(pose: pin.SE3) -> dict[str, float]:
     """Return a pose's place in mm and turn in degrees by name: the tilt where it is about y alone, or a vector."""
     turn = np.degrees(pin.log3(pose.rotation)).tolist()
     turns = dict(zip(("rx_deg", "ry_deg", "rz_deg"), turn, strict=True))
-    if abs(pose.rotation[1, 1] - 1.0) <= _TURNED:
+    if abs(pose.rotation[1, 1] - 1.0) <= TURNED:
         turns = {"tilt_deg": turn[1]}
     return dict(zip(("x_mm", "y_mm", "z_mm"), (pose.translation / MM).tolist(), strict=True)) | turns
 
@@ -215,7 +215,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         "drives": possible.drives,
         "approach": possible.approach,
         "position_m": np.array([pose.translation for pose in seen]),
-        "rotation_vector_rad": Rotation.from_matrix([pose.rotation for pose in seen]).as_rotvec(),
+        "rotation_vector_rad": rotation_vectors(np.array([pose.rotation for pose in seen])),
         "force": None,
         "distance_m": None,
     }

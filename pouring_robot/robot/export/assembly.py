@@ -64,15 +64,20 @@ class Joint:
     axis: FloatArray  # in the child, unit length, (3,)
     value: float  # at which the bodies stand where they stand, in m or rad
     limits: tuple[float, float] | None  # lower and upper value; None: it goes round
-    effort: float  # largest force or torque, N or Nm; 0: not said. Likewise ``velocity``, m/s or rad/s.
+    effort: float  # largest force or torque said, N or Nm; 0: none. Likewise ``velocity``, m/s or rad/s.
     velocity: float
     damping: float  # Ns/m or Nms/rad; ``friction``: N or Nm
     friction: float
 
     @property
+    def servo_effort(self) -> float:
+        """Largest force or torque of a servo that moves it, in N or Nm."""
+        return self.effort or 1e3
+
+    @property
     def servo_stiffness(self) -> float:
-        """Stiffness of a servo that moves it, in N/m or Nm/rad."""
-        return (self.effort or 1e3) / _YIELDS
+        """Stiffness of that servo, in N/m or Nm/rad."""
+        return self.servo_effort / _YIELDS
 
     @property
     def armature(self) -> float:
@@ -203,6 +208,6 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         str(entry.find("child").get("link")),
         axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
         closed.joints.get(name, 0.0),
-        (lower, upper) if kind in BOUNDED and lower != upper else None,
+        (lower, upper) if kind in BOUNDED and lower < upper else None,
         *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
     )

@@ -110,7 +110,7 @@ def _moving(joint: Joint, assembly: Assembly) -> Any:
     lower, upper = (repr(float(bound - joint.value)) for bound in joint.limits or (-np.inf, np.inf))
     driven = any(joint is servo for servo in assembly.servos)
     limit = E.limit(E.lower(lower), E.upper(upper))
-    limit.append(E.effort(repr(joint.effort) if driven else "0"))  # who reads 0 puts no motor there
+    limit.append(E.effort(repr(joint.servo_effort) if driven else "0"))  # who reads 0 puts no motor there
     if joint.velocity:
         limit.append(E.velocity(repr(joint.velocity)))
     dynamics = E.dynamics(E.damping(repr(joint.damping)), E.friction(repr(joint.friction)))
