@@ -34,7 +34,7 @@ class PoseStack:
 
         The rotation part is the rotation vector that turns the expected axes into these; both parts in fixed axes.
         """
-        turn = rotation_vectors(self.rotation @ np.swapaxes(expected.rotation, 1, 2))
+        turn = rotation_vectors(self.rotation, since=expected.rotation)
         return np.concatenate([self.position_m - expected.position_m, turn], axis=1)
 
     def inverse(self) -> Self:

@@ -150,8 +150,7 @@ class PathSearch:
         # A pose beyond the limits also does not close, or is not met: what can be mended is said, as pose by pose.
         status[np.where(reached, ~within & limits, ~self.kinematics.in_reach(self.start))] = OUT_OF_REACH
         found = (status == STATUS_NAMES[0])[:, None]
-        rotation = closed.rotation @ np.swapaxes(self.start.rotation, 1, 2)
-        turned = rotation_vectors(np.where(found[:, :, None], rotation, np.eye(3)))[:, [0, 2]]
+        turned = rotation_vectors(closed.rotation, since=self.start.rotation)[:, [0, 2]]
         drives, before, left, turned = (np.where(found, values, np.nan) for values in (drives, before, left, turned))
         before_m, strain = np.linalg.norm(before[:, :3], axis=1), self.warm.strain
         return CompensatedPath(self.frame, self.wanted, drives, before_m, left, turned, strain, status.astype(str))

@@ -131,7 +131,7 @@ class Conditions:
         tilt = self.tilt_rad
         if tilt is not None:
             return tilt[:, None][:, : int(np.ptp(tilt) > _STILL)]
-        vectors = rotation_vectors(self.rotation @ nearest_rotations(self.rotation.mean(axis=0)).T)
+        vectors = rotation_vectors(self.rotation, since=nearest_rotations(self.rotation.mean(axis=0)))
         return vectors[:, np.ptp(vectors, axis=0) > _STILL]
 
     @property

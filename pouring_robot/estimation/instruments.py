@@ -124,7 +124,7 @@ class Turns(Instrument):
 
     def difference(self, prediction: Prediction) -> FloatArray:
         """As rotation vector that turns the predicted axes into the measured ones, in tracker axes."""
-        return rotation_vectors(self.rotation @ np.swapaxes(prediction.rotation, 1, 2))
+        return rotation_vectors(self.rotation, since=prediction.rotation)
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
         """As log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))."""

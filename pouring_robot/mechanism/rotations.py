@@ -71,10 +71,15 @@ def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
     return np.asarray(turns.as_matrix().reshape(*rotation_vectors_rad.shape, 3))
 
 
-def rotation_vectors(matrices: FloatArray) -> FloatArray:
-    """Return rotation vectors (..., 3), in rad, of rotation matrices (..., 3, 3); NaN stays NaN."""
+def rotation_vectors(matrices: FloatArray, since: FloatArray | None = None) -> FloatArray:
+    """Return rotation vectors (..., 3), in rad, of rotation matrices (..., 3, 3); NaN stays NaN.
+
+    Of what turns the axes ``since``, (..., 3, 3), into those of the matrices, in the base of both, if they are given.
+    """
     from scipy.spatial.transform import Rotation
 
+    if since is not None:
+        matrices = matrices @ np.swapaxes(since, -1, -2)
     known = np.isfinite(matrices).all(axis=(-2, -1))
     vectors = np.full((*known.shape, 3), np.nan)
     if known.any():

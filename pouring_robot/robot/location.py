@@ -128,7 +128,6 @@ def error_dataset(
 
     found = (status == STATUS_NAMES[CLOSED])[:, None, None, None]
     nominal, actual = np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
-    turn = actual[..., :3] @ np.swapaxes(nominal[..., :3], -1, -2)
     dims = ("pose", "frame", "axis")
     variables = {
         "nominal_position": (dims, nominal[..., 3], {"units": "m"}),
@@ -136,7 +135,7 @@ def error_dataset(
         "error_position": (dims, actual[..., 3] - nominal[..., 3], {"units": "m"}),
         "nominal_rotation": (dims, rotation_vectors(nominal[..., :3]), {"units": "rad"}),
         "actual_rotation": (dims, rotation_vectors(actual[..., :3]), {"units": "rad"}),
-        "error_rotation": (dims, rotation_vectors(turn), {"units": "rad"}),
+        "error_rotation": (dims, rotation_vectors(actual[..., :3], since=nominal[..., :3]), {"units": "rad"}),
         "status": ("pose", status, {"comment": f"'{STATUS_NAMES[CLOSED]}', or why the pose is NaN"}),
     }
     comment = (

@@ -152,7 +152,7 @@ class SweepPlan:
         rotation = closed.rotation.reshape(*shape, 3, 3)
         found = closed.position.reshape(*shape, 1, 3) + np.einsum("spij,fj->spfi", rotation, offsets)
         moved = np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", axes, offsets)))
-        turned = rotation_vectors(rotation @ np.swapaxes(axes, 1, 2))
+        turned = rotation_vectors(rotation, since=axes)
         loops = closed.residual.shape[1]  # none of a serial arm
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
         status = closed.status.reshape(shape)

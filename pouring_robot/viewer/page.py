@@ -127,7 +127,7 @@ def _places(scene: Scene, robot: SceneRobot) -> Content:
     reference = robot.bodies if robot.reference is None else robot.reference
     axes = Rotation.from_matrix(reference[..., :3, :3].reshape(-1, 3, 3))
     quaternions = axes.as_quat(canonical=True).reshape(*reference.shape[:2], 4)
-    turn = rotation_vectors(robot.bodies[..., :3, :3] @ np.swapaxes(reference[..., :3, :3], -1, -2))
+    turn = rotation_vectors(robot.bodies[..., :3, :3], since=reference[..., :3, :3])
     shift = np.broadcast_to((robot.bodies - reference)[..., :3, 3], turn.shape)
     content: Content = {
         "places": _course(np.concatenate([reference[..., :3, 3], quaternions], axis=-1)),

@@ -134,9 +134,8 @@ def enlarged(bodies: FloatArray, reference: FloatArray, factor: float) -> FloatA
 
     Shift and rotation vector are each multiplied, body by body, in the axes of the world.
     """
-    turn = bodies[..., :3, :3] @ np.swapaxes(reference[..., :3, :3], -1, -2)
-    moved = reference.copy()
-    moved[..., :3, :3] = rotation_matrices(factor * rotation_vectors(turn)) @ reference[..., :3, :3]
+    moved, axes = reference.copy(), reference[..., :3, :3]
+    moved[..., :3, :3] = rotation_matrices(factor * rotation_vectors(bodies[..., :3, :3], since=axes)) @ axes
     moved[..., :3, 3] += factor * (bodies - reference)[..., :3, 3]
     return moved
 
