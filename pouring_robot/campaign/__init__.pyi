@@ -1,0 +1,10 @@
+from .data import Campaign as Campaign
+from .metadata import CampaignMetadata as CampaignMetadata
+from .nominal import PoseStack as PoseStack
+from .nominal import nominal_poses as nominal_poses
+from .plan import PosePlan as PosePlan
+from .plan import random_plan as random_plan
+from .plan import read_plan as read_plan
+from .simulate import MeasurementOptions as MeasurementOptions
+from .simulate import VirtualMeasurement as VirtualMeasurement
+from .simulate import simulate_campaign as simulate_campaign
