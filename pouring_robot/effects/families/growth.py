@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.batch import engine_for
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
 from pouring_robot.effects.carried import chain_ends, frame_places, grown_places, lever, standing
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
 _Grows = Callable[[Mapping[str, FloatArray]], dict[str, FloatArray]]
@@ -75,12 +73,6 @@ class DriveGrowth(Family):
             found.append(EffectParameter(f"{name}_bias", "1e-6", _BIAS_K * std, bias, main=False))
             found.append(EffectParameter(f"{name}_gain", "1e-6/K", _OWN * std, gain, main=False))
         return tuple(found)
-
-
-@functools.lru_cache(maxsize=16)
-def _chain_joints(robot: RobotDefinition) -> tuple[str, ...]:
-    """Return the joints that links carry apart: all whose placements make the pose, also those made as drawn."""
-    return engine_for(robot.mechanism()).structure.placed_joints
 
 
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
@@ -141,7 +133,8 @@ class LinksGrowth(Family):
         What measures a slide's travel, a screw or a scale of glass, grows like the frame, not at all, or alone, by its
         own friction or in a frame of granite. From where on it grows, where it is held fast, no file says.
         """
-        prior_std, robot, places = STEEL_PPM, conditions.robot, _chain_joints(conditions.robot)
+        prior_std, robot = STEEL_PPM, conditions.robot
+        places = robot.drawing().engine.structure.placed_joints  # which make the pose, also those made as drawn
         carried = grown_places(robot, places) + chain_ends(robot, places)
         # What moves the end frame alone moves it as the base would, and what moves the base frame the other way round.
         base, end = (frame_places(robot, name, places) for name in (robot.loops.base_frame, robot.loops.end_frame))
