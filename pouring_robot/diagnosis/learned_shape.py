@@ -12,6 +12,7 @@ from pouring_robot.estimation.changes import SCALE
 from pouring_robot.inference.processes import variances_of
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.local_parameters import component_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,5 @@ def _unit(diagnosis: Conclusions, name: str) -> tuple[str, float]:
     """Return the unit that a local parameter is shown in, and its size in SI units."""
     if name == SCALE:
         return "1e-6", 1e-6
-    turns = {channel(drive): drive.unit == "rad" for drive in diagnosis.rows.conditions.robot.drives}
-    turning = turns.get(name, name.rpartition(".")[2].startswith("r"))
-    return shown_in("rad" if turning else "m")
+    units = {channel(drive): drive.unit for drive in diagnosis.rows.conditions.robot.drives}
+    return shown_in(units.get(name) or component_unit(name.rpartition(".")[2]))
