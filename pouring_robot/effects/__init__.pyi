@@ -1,3 +1,4 @@
+from .available import FAMILIES as FAMILIES
 from .available import all_effects as all_effects
 from .available import chosen_effects as chosen_effects
 from .base import Effect as Effect
@@ -6,5 +7,4 @@ from .base import Form as Form
 from .base import LocalChanges as LocalChanges
 from .conditions import Conditions as Conditions
 from .conditions import conditions_of as conditions_of
-from .families.by_name import FAMILIES as FAMILIES
 from .nominal_rows import NominalRows as NominalRows

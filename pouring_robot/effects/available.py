@@ -1,7 +1,7 @@
 """Which effects are available: those of a robot's causes, and those that packages offer.
 
-Within this package an effect is of a family (:mod:`pouring_robot.effects.families.by_name`). Another package
-offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
+Within this package an effect is of a family (:data:`FAMILIES`). Another package offers effects in its
+``pyproject.toml``; the name does not matter, the value is a class:
 
     [project.entry-points."pouring_robot.effects"]
     screw_wear = "my_package.effects:ScrewWear"
@@ -13,17 +13,42 @@ from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from pouring_robot.effects.base import Effect, not_for
+from pouring_robot.effects.base import Effect, Family, not_for
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import known_facts
-from pouring_robot.effects.families.by_name import FAMILIES
+from pouring_robot.effects.families.drives import Coupling, LostMotion, Periodic, Ratio, Scale, Zero
+from pouring_robot.effects.families.growth import DriveGrowth, LinkGrowth, LinksGrowth
+from pouring_robot.effects.families.joints import Centres, Placement, Tilts
+from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
+from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.robot import AnyRobot, definition_of
 
 GROUP = "pouring_robot.effects"
+FAMILIES: dict[str, type[Family]] = {  # by the name that causes have for them; a new one is a class in `families/`
+    "zero": Zero,
+    "scale": Scale,
+    "ratio": Ratio,
+    "coupling": Coupling,
+    "periodic": Periodic,
+    "lost_motion": LostMotion,
+    "centres": Centres,
+    "tilts": Tilts,
+    "placement": Placement,
+    "drive_growth": DriveGrowth,
+    "link_growth": LinkGrowth,
+    "links_growth": LinksGrowth,
+    "stretch": Stretch,
+    "spring": Spring,
+    "bearing": Bearing,
+    "deflection": Deflection,
+    "base_drift": BaseDrift,
+    "metrology_scale": MetrologyScale,
+    "session_offset": SessionOffset,
+}
 
 
 def library(robot: RobotDefinition) -> tuple[Effect, ...]:

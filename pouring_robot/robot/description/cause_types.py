@@ -14,7 +14,7 @@ class CauseEntry:
     """One cause: a family of effects on some parts."""
 
     id: str  # name in files and on the command line
-    family: str  # which family, see :data:`pouring_robot.effects.families.by_name.FAMILIES`.
+    family: str  # which family, see :data:`pouring_robot.effects.available.FAMILIES`.
     story: str  # one line for people
     options: Mapping[str, Any] = field(default_factory=dict)  # of the family; ``drives`` are named by their joints
 
