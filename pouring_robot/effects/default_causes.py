@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -106,7 +105,7 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
 
     A bearing is expected to be as soft as its drive; what carries drives, and slides, as the strongest of them.
     """
-    axes = {joint: _axis(mechanism, joint) for joint in engine_for(mechanism).structure.placed_joints}
+    axes = {joint: _axis(mechanism, joint) for joint in robot.drawing().engine.structure.placed_joints}
     if mechanism.anchors or not any(axis.any() for axis in axes.values()):
         return
     turning = tuple(drive for drive in robot.drives if drive.unit == "rad")
@@ -167,7 +166,7 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
 
 
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
-    joints = engine_for(mechanism).structure.placed_joints
+    joints = robot.drawing().engine.structure.placed_joints
     said = [name.partition(".t") for name in (joints if robot.file.places is None else robot.file.places)]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}

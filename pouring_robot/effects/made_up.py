@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.batch import engine_for
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -29,7 +28,7 @@ def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
 def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
     """Return the same with nothing missing but several sessions; figures of no machine."""
     bare = bare_conditions(robot, rows)
-    joints = engine_for(robot.mechanism()).structure.placed_joints
+    joints = robot.drawing().engine.structure.placed_joints
     members = [member for kind in causes_of(robot).thermometers if kind.expected for member in kind.members]
     return replace(
         bare,
