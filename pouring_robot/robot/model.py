@@ -290,7 +290,8 @@ class RobotModel(StrictModel):
 
     def _check_size(self, joint: str, kind: str, lengths_mm: tuple[float, ...], turns_mrad: tuple[float, ...]) -> None:
         length, turn = (max(values, key=abs) for values in (lengths_mm, turns_mrad))
-        limit = _LARGEST_SHARE * self.definition.reach_m / MM if length else 0.0
+        # Axes that all meet in a point leave the drawing no length that an error could be held against.
+        limit = _LARGEST_SHARE * (self.definition.reach_m or np.inf) / MM if length else 0.0
         limit_mrad, of = _LARGEST_MRAD[kind]
         for value, most, unit, why in (
             (length, limit, "mm", ", a tenth of the robot's reach"),

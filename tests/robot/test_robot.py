@@ -145,3 +145,19 @@ def test_a_payload_hangs_where_the_robot_file_says():
     rises = [(height(step) - height(-step)) / 2e-5 for step in 1e-5 * np.eye(6)]
     found = stretch(payload_kg=payload_kg) - stretch()
     np.testing.assert_allclose(found, -payload_kg * 9.80665 / stiffness * np.array(rises), rtol=1e-3, atol=1e-11)
+
+
+def test_axes_that_meet_in_a_point_may_miss_it(tmp_path):
+    """A spherical wrist's drawing has no length; errors of its places were refused, as beyond a tenth of 0 mm."""
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/></joint>'
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "ring", "tool"))
+    joints = joint.format("pan", "base", "ring", "0 0 1") + joint.format("tilt", "ring", "tool", "0 1 0")
+    joints = joints.replace("</joint>", '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>')
+    (tmp_path / "wrist.urdf").write_text(f'<robot name="wrist">{links}{joints}</robot>', encoding="utf-8")
+    text = "format: pouring_robot/robot/1\nname: wrist\nurdf: wrist.urdf\nbase_frame: base\nend_frame: tool\n"
+    (tmp_path / "robot.yaml").write_text(f"{text}drives: [{{joint: pan}}, {{joint: tilt}}]\n", encoding="utf-8")
+    text = "format: pouring_robot/model/1\nrobot: robot.yaml\njoint_placements: {tilt: {translation_mm: [0.3, 0, 0]}}\n"
+    (tmp_path / "model.yaml").write_text(text, encoding="utf-8")
+    found = Robot.load(tmp_path / "model.yaml").locate_drives([[0.5, 0.2]])
+    place = 0.3e-3 * np.array([np.cos(0.5), np.sin(0.5), 0.0])  # the tilt's axis goes along with the pan
+    np.testing.assert_allclose(found.actual_position.values[0, 0], place, rtol=0, atol=1e-15)
