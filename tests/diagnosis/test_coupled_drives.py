@@ -1,4 +1,4 @@
-"""Joints that go along with the one before them, by a chain of rotations that knows nothing of the library."""
+"""Joints that go along with another one or err once a turn, by rotations that know nothing of the library."""
 
 import numpy as np
 import pandas as pd
@@ -18,12 +18,12 @@ ROBOT = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
 SIGMA_M, SIGMA_RAD, SHARE = 3e-5, 3e-5, 1e-3
 
 
-def measured(folder, follower, leader):
-    """Return a campaign of 120 poses in which one joint turns by a share of another one's angle too far."""
+def measured(folder, joint, error):
+    """Return a campaign of 120 poses in which one joint stands off by an error of the drives (n, 6), in rad."""
     random = np.random.default_rng(4)
     drives = MACHINES["arm"].targets(random, 120)
     turned = drives.copy()
-    turned[:, follower] += SHARE * drives[:, leader]
+    turned[:, joint] += error(drives)
     position, rotation = arm.forward(turned)
     position = position + SIGMA_M * random.normal(size=position.shape)
     seen = Rotation.from_matrix(rotation) * Rotation.from_rotvec(SIGMA_RAD * random.normal(size=position.shape))
@@ -40,7 +40,8 @@ def measured(folder, follower, leader):
 def coupled(request, tmp_path_factory):
     """The joints, by their numbers from 1, and the campaign."""
     follower, leader = request.param
-    return follower + 1, leader + 1, measured(tmp_path_factory.mktemp("arm"), follower, leader)
+    made = measured(tmp_path_factory.mktemp("arm"), follower, lambda drives: SHARE * drives[:, leader])
+    return follower + 1, leader + 1, made
 
 
 def test_a_joint_that_goes_along_with_another_is_named_with_its_share(coupled):
@@ -67,3 +68,21 @@ def test_without_that_cause_it_is_told_on_what_it_depends(coupled):
     if leader == 5:
         assert found.verdict == "unknown"
         assert {part.structure.process.name for part in found.remainder} == {"drives by other drives"}
+
+
+@pytest.mark.parametrize("joint", [2, 4])
+def test_a_disc_off_its_centre_is_named_alone_with_its_size_and_angle(tmp_path, joint):
+    """An encoder's disc errs by e/r sin(q + φ). It was a wrong gear or zero beside waves of all joints, 99 % sure."""
+    sine, cosine = 0.4, -0.3  # mrad
+    campaign = measured(
+        tmp_path,
+        joint,
+        lambda drives: MRAD * (sine * np.sin(drives[:, joint]) + cosine * np.cos(drives[:, joint])),
+    )
+    found = diagnose(campaign, RobotModel.for_robot(ROBOT), DiagnosisOptions(next_count=0))
+    (effect,) = found.effects
+    assert (effect.cause.effect, effect.cause.form) == ("joint_periodic", f"q{joint + 1}_once")
+    for said, truth in zip(effect.parameters, (sine, cosine), strict=True):
+        assert said.value == pytest.approx(truth, abs=3.0 * said.std)
+    (told,) = found.in_words(effect)
+    assert told.startswith(f"q{joint + 1}: 0.3")

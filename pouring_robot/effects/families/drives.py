@@ -219,7 +219,8 @@ class Periodic(Family):
         if not self.all_main:
             return ()
         lines = []
-        for drive in self.drives:
+        told = {name.rsplit("_", 2)[0] for name in values}
+        for drive in (d for d in self.drives if d.symbol in told):  # not in a form of another drive alone
             orders = range(1, len(self.sizes) + 1)
             waves = [[values.get(f"{drive.symbol}_{name}_{order}", 0.0) for order in orders] for name, _ in _WAVES]
             sizes = np.hypot(*np.array(waves))
@@ -245,7 +246,8 @@ class Periodic(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn, and overtones, on a screw perhaps larger towards one end of it.
 
-        What another campaign taught of a joint's turn counts only at angles it had.
+        Of a joint's turn an off-centre disc makes the first order alone, of one joint. What another campaign taught of
+        it counts only at angles it had.
         """
         columns = conditions.places(self.drives)
         phases = [self._phase(conditions, d, k) for d, k in zip(self.drives, columns, strict=True)]
@@ -264,7 +266,10 @@ class Periodic(Family):
                 for k, (d, phase) in enumerate(zip(self.drives, phases, strict=True))
                 for name, wave in _WAVES
             ]
-        return (Form("turns", tuple(parameters), series=self.all_main),)
+        forms = [Form("turns", tuple(parameters), series=self.all_main)]
+        if self.all_main:
+            forms += [Form(f"{d.symbol}_once", tuple(parameters[2 * k : 2 * k + 2])) for k, d in enumerate(self.drives)]
+        return tuple(forms)
 
 
 @dataclass(eq=False)
