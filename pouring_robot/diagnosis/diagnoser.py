@@ -278,5 +278,11 @@ class Diagnoser:
 def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of some kinds taken from what a hypothesis leaves over."""
     left = hypothesis.remainder
-    free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    return noise.left_over(kinds, after.fitted_rows.component, left, np.full(len(left), free), fewest=0.0)
+    free = np.full(len(left), share_left(hypothesis))
+    return noise.left_over(kinds, after.fitted_rows.component, left, free, fewest=0.0)
+
+
+def share_left(hypothesis: Hypothesis) -> float:
+    """Return what share of the equations' freedoms a hypothesis leaves over."""
+    spent = hypothesis.effective_dof() + hypothesis.problem.nuisance.dof
+    return 1.0 - spent / len(hypothesis.remainder)

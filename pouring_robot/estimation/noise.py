@@ -90,9 +90,26 @@ class NoiseLevel:
             {kind: scatter(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
         )
 
+    def told_by(self, left: NoiseLevel, freedoms: Mapping[Kind, float], rate: float) -> NoiseLevel:
+        """Return it with what a fit leaves over, of so many freedoms a kind, where nothing better tells the noise.
+
+        That is where nothing is said, or where few repeats say as much: what is left beyond them (lack of fit, F) is no
+        more than chance makes in that rate of campaigns. The repeats, which are among the rows, are then outnumbered.
+        """
+        found = dict(self.kinds)
+        for kind, noise in self.kinds.items():
+            sigma, few = left[kind].sigma, noise.freedoms
+            if noise.source == "residuals":
+                found[kind] = replace(noise, sigma=sigma)
+            elif noise.source == "repeats" and (more := freedoms[kind] - few) > 0.0:
+                lack = max(freedoms[kind] * (sigma / noise.sigma) ** 2 - few, 0.0)
+                if chance_of(lack, more, few) > rate:
+                    found[kind] = replace(noise, sigma=sigma, freedoms=freedoms[kind])
+        return NoiseLevel(found)
+
     def apart(self, other: NoiseLevel) -> float:
-        """Return by which share of the other the sizes of :attr:`open_kinds` differ at most."""
-        return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.open_kinds), default=0.0)
+        """Return by which share of the other's its sizes differ at most."""
+        return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.measured), default=0.0)
 
     @property
     def measured(self) -> tuple[Kind, ...]:

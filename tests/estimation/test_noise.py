@@ -64,6 +64,20 @@ def test_chance_is_as_often_as_it_says(noise_freedoms):
     assert kstest(chances, "uniform").pvalue > 1e-3
 
 
+def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
+    """Of sound campaigns: repeats with 12 freedoms among 150 equations, chi-square both."""
+    random, told, left = np.random.default_rng(5), [], []
+    for _ in range(4000):
+        pure, lack = random.chisquare(12.0), random.chisquare(138.0)
+        few = NoiseLevel({"position": Noise(float(np.sqrt(pure / 12.0)), "repeats", 12.0)})
+        rest = NoiseLevel({"position": Noise(float(np.sqrt((pure + lack) / 150.0)))})
+        found = few.told_by(rest, {"position": 150.0}, 0.05)["position"]
+        told.append(found.freedoms == 150.0)
+        left.append(found.sigma if told[-1] else 1.0)
+    assert binomtest(sum(told), len(told), 0.95).pvalue > 1e-3
+    assert np.std(left) == pytest.approx(1.0 / np.sqrt(2.0 * 150.0), rel=0.1)
+
+
 @pytest.mark.parametrize("readings", [5, 9])
 def test_intervals_hold_as_often_as_they_say_where_readings_of_one_pose_tell_the_noise(readings):
     random, held = np.random.default_rng(4), []

@@ -69,8 +69,9 @@ def scatter_text(diagnosis: Conclusions) -> str:
     left = diagnosis.noise_left
     if left is None:
         return ""
-    stated = diagnosis.noise.words
-    return f"what is left scatters from row to row, like a noise of {left.words} in place of the stated {stated}"
+    noise = diagnosis.noise
+    source = "the stated" if np.isinf(noise.freedoms) else "what repeats tell,"
+    return f"what is left scatters from row to row, like a noise of {left.words} in place of {source} {noise.words}"
 
 
 def _names(diagnosis: Conclusions) -> str:
