@@ -15,6 +15,7 @@ from pouring_robot.robot.description.cause_types import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
+INERTIAS = "inertias of the links in the URDF"
 _KILO, _HOUR_S = 1e3, 3600.0
 Drawn = Callable[[Conditions], tuple[str, FloatArray | None]]
 """A label and (n,) numbers in its unit; None where the campaign does not say."""
@@ -53,7 +54,8 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     found = {"weight_n": replace(_of_weight(causes, load), word="load")}
     found["joint_moments"] = Facts(
         _drawn("mean moment on a joint [Nm]", "joint_moments", lambda given: np.abs([*given.values()]).mean(axis=0)),
-        sources=("inertias of the links in the URDF",),
+        sources=(INERTIAS,),
+        record=f"the {INERTIAS}",
         vary="measure with the arm stretched out and folded, to all sides",
         by_pose=True,
     )
@@ -116,7 +118,7 @@ def _of_weight(causes: Causes, axis: Drawn) -> Facts:
 
 def _force(causes: Causes, name: str, label: str) -> Facts:
     found = _of_weight(causes, _drawn(label, name, lambda force: np.asarray(force.mean(axis=1)) / _KILO))
-    return replace(found, sources=("inertias of the links in the URDF",)) if causes.own_weight else found
+    return replace(found, sources=(INERTIAS,), record=f"the {INERTIAS}") if causes.own_weight else found
 
 
 def _travel(name: str, words: tuple[str, str] | None) -> Facts:

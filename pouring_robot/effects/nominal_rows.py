@@ -29,8 +29,8 @@ class NominalRows:
     by_turn: FloatArray  # ∂pose/∂turn, (n, 6, T)
     up: FloatArray  # direction against gravity, (3,)
     swing_rad: FloatArray  # of the joint about which each drive's chain swings, (n, D); NaN without one
-    own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
-    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, or where it is not counted
+    own_force: FloatArray | None  # what the links' weight puts on every drive, (n, D); None: not counted or not drawn
+    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, too
     slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
     payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
@@ -45,6 +45,7 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
     moved = rest.transfer(lifted, (*drives, *turns)).matrix
     values = engine.structure.joint_values(closure.joints)
     own = robot.own_weight
+    weighs = own and any(inertia.mass > 0.0 for inertia in [*mechanism.shared_model.inertias][1:])  # else none is drawn
     configurations = engine.structure.configurations(closure.joints) if own else closure.joints
     return NominalRows(
         robot,
@@ -56,8 +57,8 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
         moved[:, :, len(drives) :],
         up_in_base(rest.structure.mechanism),
         _swings(mechanism, values, len(closure)),
-        own_force(mechanism, configurations) if own else None,
-        own_moments(mechanism, configurations, joints) if own and not mechanism.anchors else None,
+        own_force(mechanism, configurations) if weighs else None,
+        own_moments(mechanism, configurations, joints) if weighs and not mechanism.anchors else None,
         {name: course for name, course in values.items() if name in joints and mechanism.unit_of(name) == "m"},
         mechanism.placement_on_end(robot.payload_frame).translation if own else None,
     )

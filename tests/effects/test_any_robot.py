@@ -11,12 +11,13 @@ import scipy.linalg
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, processes_of
-from pouring_robot.diagnosis.report.sentences import as_zeros_text
+from pouring_robot.diagnosis.report.sentences import as_zeros_text, source_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
+from pouring_robot.effects.facts import INERTIAS, sources
 from pouring_robot.effects.families.drives import Ratio, Scale
 from pouring_robot.effects.made_up import bare_conditions, complete_conditions
 from pouring_robot.effects.under import robots_under
@@ -151,6 +152,26 @@ def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
     (yielding,) = (p for p in alone if "joint2.rx" in p.changes)
     assert yielding.unit == "mrad at 100 Nm"
     np.testing.assert_allclose(yielding.changes["joint2.rx"], 1e-5 * given.joint_moments["joint2.rx"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("payload_kg", [None, 2.0])
+def test_links_without_masses_do_not_say_that_nothing_weighs(tmp_path, payload_kg):
+    """As in most URDFs that are published of industrial arms. Of a payload its weight is known: the lifting drive's."""
+    random = np.random.default_rng(1)
+    places = random.uniform(0.1, 0.7, (12, 3))
+    load = "" if payload_kg is None else ",payload_kg"
+    lines = [f"x_slide_m,y_slide_m,z_slide_m,x_m,y_m,z_m{load}"]
+    lines += [",".join(map(str, [*place, *place, *([payload_kg] if load else [])])) for place in places.tolist()]
+    (tmp_path / "campaign.csv").write_text("\n".join(lines))
+    (tmp_path / "campaign.yaml").write_text("robot: gantry\nmetrology: {sigma_position_mm: 0.05}\n")
+    model = RobotModel.for_robot(gantry_file(tmp_path))
+    campaign = Campaign.read(tmp_path / "campaign.csv", model.definition)
+    given, effect = CampaignRows(campaign, model, NOISE).conditions, all_effects(model.definition)["drive_compliance"]
+    if payload_kg is None:
+        assert source_text(sources(effect.missing(given), model.definition), campaign) == f"add {INERTIAS}"
+    else:
+        assert not effect.missing(given)
+        np.testing.assert_allclose(given.drive_force, np.tile([0.0, 0.0, -2.0 * 9.80665], (12, 1)), atol=1e-9)
 
 
 def test_tilts_that_may_be_zeros_of_the_joint_before_turn_the_flange_alike():

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE
-from pouring_robot.effects.facts import facts_of, sources
+from pouring_robot.effects.facts import INERTIAS, facts_of, sources
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, unit_of
 from pouring_robot.exceptions import counted, some
@@ -270,12 +270,14 @@ def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
 
 
 def source_text(names: Sequence[str], campaign: Campaign) -> str:
-    """Return in words what a campaign is to be given: columns in the table, keys in the YAML beside it, a session."""
+    """Return in words what is to be given: columns in the table, keys in the YAML beside it, a session, masses."""
     if list(names) == ["session"] and "session" in campaign.headings:
         return f"all rows are of one session; {facts_of('session', campaign.robot).vary} in a second"
     keys = [name for name in names if "." in name]
-    columns = [name for name in names if "." not in name]
-    parts = [f"column{'s' if len(columns) > 1 else ''} {', '.join(columns)}"] if columns else []
+    drawn = [name for name in names if name == INERTIAS]
+    columns = [name for name in names if name not in {*keys, *drawn}]
+    parts = [*drawn]
+    parts += [f"column{'s' if len(columns) > 1 else ''} {', '.join(columns)}"] if columns else []
     yaml = campaign.path.with_suffix(".yaml").name
     parts += [f"{', '.join(keys)} in {yaml}"] if keys else []
     sides = not {*columns}.isdisjoint(approach_names(campaign.robot))
