@@ -12,7 +12,7 @@ from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
-from pouring_robot.mechanism.arrays import BoolArray, Indices, robust_sigma
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, robust_sigma
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
@@ -88,13 +88,28 @@ def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _copies(campaign: Campaign) -> Indices:
-    """Return the usable rows whose drives and measurements are an earlier row's to the last digit."""
+    """Return the usable rows whose drives and measurements are an earlier row's to the last digit.
+
+    None where as many rows are so in all measured columns but one: readings of few digits are alike by chance.
+    """
     measured = [campaign.position_m]
     measured += [values for values in (campaign.rotation_vector_rad, campaign.distance_m) if values is not None]
-    table = np.concatenate([campaign.drives, *measured], axis=1) + 0.0  # -0 is 0
-    usable = np.flatnonzero(campaign.usable)
-    first = np.unique(np.nan_to_num(table[usable], nan=1e300), axis=0, return_index=True)[1]
+    usable, drives = np.flatnonzero(campaign.usable), campaign.drives.shape[1]
+    table = np.concatenate([campaign.drives, *measured], axis=1)[usable] + 0.0  # -0 is 0
+    first = np.unique(np.nan_to_num(table, nan=1e300), axis=0, return_index=True)[1]
+    if first.size < usable.size:
+        table = table[:, np.isfinite(table).any(axis=0)]
+        table = table[np.isfinite(table).all(axis=1)]
+        alike, values = _pairs(table), range(drives, table.shape[1])
+        if len(values) > 1 and 0 < alike <= sum(_pairs(np.delete(table, k, axis=1)) - alike for k in values):
+            return np.zeros(0, dtype=np.intp)
     return np.delete(usable, first)
+
+
+def _pairs(table: FloatArray) -> int:
+    """Return how many pairs of rows (n, k) are the same."""
+    counts = np.unique(table, axis=0, return_counts=True)[1]
+    return int((counts * (counts - 1) // 2).sum())
 
 
 def without_copies(campaign: Campaign) -> Campaign:
@@ -105,7 +120,7 @@ def without_copies(campaign: Campaign) -> Campaign:
 
 
 def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find rows that are copies: noise never repeats."""
+    """Find rows that are copies: noise of more digits never repeats."""
     copies = _copies(campaign)
     if copies.size:
         message = f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit"

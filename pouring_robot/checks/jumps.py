@@ -10,6 +10,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
 from pouring_robot.checks.smooth_errors import base_residuals, robust_fit
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.noise import commands
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -27,6 +28,9 @@ def jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -
     inliers = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
     for session, members in campaign.rows_by_session().items():
         rows = members[inliers[members]]
+        command = commands(campaign.drives[rows])
+        # What is read again before the robot moved has the errors of that pose once more: it tells no more of a step.
+        rows = rows[np.append(True, (np.diff(command, axis=0) != 0).any(axis=1))[: rows.size]]
         # With more terms than a quarter of the rows, they would explain any step.
         kept = terms[:, : max(1, rows.size // 4)]
         if rows.size >= 2 * JUMP_WINDOW:

@@ -411,3 +411,26 @@ def test_a_payload_hangs_where_the_robot_file_says(machine):
     stated = damaged(campaign, metadata=metadata)
     first, second = (list(_by_weight(one, machine.drawing, one.drives[rows], rows)) for one in (campaign, stated))
     np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(("poses", "told"), [(4, False), (15, True)])
+def test_a_step_needs_ten_poses_on_either_side_however_often_each_was_read(poses, told):
+    """Of a real arm each pose was read three times; the last few, of like errors, counted as a shift of the tracker."""
+    once, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=90).campaign, np.random.default_rng(5)
+    shift = np.where(np.arange(90) >= 90 - poses, 6e-4, 0.0)[:, None]
+    place = np.repeat(once.position_m + shift, 3, axis=0) + 1e-6 * random.normal(size=(270, 3))
+    thrice = dataclasses.replace(once.subset(np.repeat(np.arange(90), 3)), position_m=place, lines=np.arange(2, 272))
+    assert ("measurement_jump" in codes(check_campaign(thrice))) == told
+
+
+@pytest.mark.parametrize(("digit_mm", "copied", "told"), [(1e-3, 0, False), (1e-6, 0, False), (1e-6, 5, True)])
+def test_readings_of_few_digits_that_are_alike_are_no_copies(digit_mm, copied, told):
+    """A tracker of 1 um noise whose program writes whole micrometres, each pose read three times."""
+    once, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=90).campaign, np.random.default_rng(5)
+    place = np.repeat(once.position_m, 3, axis=0) + 1e-6 * random.normal(size=(270, 3))
+    place = np.round(place / (1e-3 * digit_mm)) * (1e-3 * digit_mm)
+    place[1 : 3 * copied : 3] = place[: 3 * copied : 3]
+    thrice = once.subset(np.repeat(np.arange(90), 3))
+    seen = dataclasses.replace(thrice, position_m=place, rotation_vector_rad=None, lines=np.arange(2, 272))
+    metadata = CampaignMetadata(robot=once.robot.name)
+    assert ("repeated_rows" in codes(check_campaign(dataclasses.replace(seen, metadata=metadata)))) == told
