@@ -9,6 +9,7 @@ from pouring_robot.checks.stated_noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import KINDS
+from pouring_robot.estimation.noise import repeats
 from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
@@ -37,6 +38,12 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"
         )
+        groups = repeats(diagnosis.campaign, np.flatnonzero(diagnosis.campaign.usable))
+        if all((np.diff(rows) == 1).all() for rows in groups):
+            lines.append(
+                "all repeats follow each other: if the robot stood still in between, how well it comes back to a pose "
+                "is not in that noise, and passes for an effect; then state a noise that holds it"
+            )
     lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
     copies = [row for flag in diagnosis.flags if flag.code is FlagCode.REPEATED_ROWS for row in flag.rows]
     wrong = np.setdiff1d(diagnosis.left_out, copies)  # of the others their flag says what they are
