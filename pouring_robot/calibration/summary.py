@@ -54,7 +54,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
     if calibration.inflation > 1.0:
         found.append(
             f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; standard "
-            "deviations are widened by that factor"
+            "deviations are those of a noise as large"
         )
     if calibration.noise.from_residuals:
         least = calibration.noise.least_words

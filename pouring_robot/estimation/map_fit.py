@@ -127,7 +127,7 @@ class Fit:
 
     @property
     def inflation(self) -> float:
-        """Factor on all standard deviations: by how much residuals exceed the noise where that is no accident, or 1."""
+        """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
         larger = self.scatter()
         sure = larger > 1.0 and chance_of(self.chi_square(), self.freedom(), self.noise_freedoms) < _SURE
         return larger if sure else 1.0
@@ -139,8 +139,13 @@ class Fit:
 
     @property
     def inflated_covariance(self) -> FloatArray:
-        """Covariance of all unknowns with the inflation in it, (12 + P, 12 + P), in m and rad: what users are told."""
-        return self.covariance * self.inflation**2
+        """Covariance of all unknowns under the inflated noise, (12 + P, 12 + P), in m and rad: what users are told.
+
+        What data tell, C^-1 - P^-1, counts by the inflation less; the tolerances P hold as before.
+        """
+        scale, more = np.outer(self.prior_std, self.prior_std), self.inflation**2 - 1.0
+        share = self.covariance / scale
+        return np.asarray(scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))
 
 
 def identify(
