@@ -24,6 +24,7 @@ _AS_ROTATION_VECTOR = (
     "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
     "Rotation.from_quat([x, y, z, w]).as_rotvec(), or from_euler('ZYX', [a, b, c], degrees=True)); else all is well"
 )
+_PLANE = "if a probe touched a plane, such as a print bed, all is well; else the sensor hung: measure again"
 _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled column it is one half
 
 
@@ -137,13 +138,20 @@ def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find measured columns that keep their value to the last digit while the drives move."""
+    """Find measured columns that keep their value to the last digit while the drives move.
+
+    The only one that was measured, of one value in all rows, may be the place of a plane that a probe touched.
+    """
     moved = np.abs(np.diff(campaign.drives, axis=0)).max(axis=1) > 1e-3
-    for name in (*columns.POSITION, *columns.ROTATION):
-        values = campaign.quantity(name)
-        if values is not None:
-            for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
-                yield _stuck(campaign, name, values[rows[0]], rows, Severity.ERROR)
+    found_in = ((name, campaign.quantity(name)) for name in (*columns.POSITION, *columns.ROTATION, columns.DISTANCE))
+    seen = {name: values for name, values in found_in if values is not None and np.isfinite(values).any()}
+    for name, values in seen.items():
+        if name == columns.DISTANCE:
+            continue  # two places may well be as far away
+        plane = len(seen) == 1 and np.nanmax(values) == np.nanmin(values)
+        for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
+            severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
+            yield _stuck(campaign, name, values[rows[0]], rows, severity, remedy)
 
 
 def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
@@ -172,10 +180,11 @@ def _readings(campaign: Campaign) -> tuple[str, ...]:
     return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
 
 
-def _stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity) -> DataFlag:
+def _stuck(
+    campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity, remedy: str = ""
+) -> DataFlag:
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
-    remedy = ""
     if name in columns.drive_names(campaign.robot):
         remedy = "if the drive really stood still its errors cannot be found; else mend the column"
     else:

@@ -11,7 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign, examine
-from pouring_robot.checks.flags import FlagCode, wrong_rows
+from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
 from pouring_robot.checks.stated_noise import _by_weight
 from pouring_robot.cli.app import main
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
@@ -434,3 +434,15 @@ def test_readings_of_few_digits_that_are_alike_are_no_copies(digit_mm, copied, t
     seen = dataclasses.replace(thrice, position_m=place, rotation_vector_rad=None, lines=np.arange(2, 272))
     metadata = CampaignMetadata(robot=once.robot.name)
     assert ("repeated_rows" in codes(check_campaign(dataclasses.replace(seen, metadata=metadata)))) == told
+
+
+@pytest.mark.parametrize(("beside", "grave"), [(False, False), (True, True)])
+def test_a_plane_that_was_touched_is_no_column_that_hung(machine, beside, grave):
+    """A probe on a print bed: z is 0 in all rows and nothing else is measured; beside other coordinates it hung."""
+    touched = np.full_like(machine.campaign.position_m, np.nan)
+    touched[:, 2] = 0.0
+    touched[:, 0] = machine.campaign.position_m[:, 0] if beside else np.nan
+    found = check_campaign(dataclasses.replace(machine.campaign, position_m=touched, rotation_vector_rad=None))
+    (hung,) = (flag for flag in found if flag.code == FlagCode.STUCK_COLUMN)
+    assert (hung.severity == Severity.ERROR) == grave
+    assert ("plane" in hung.remedy) != grave
