@@ -157,7 +157,7 @@ def metadata_path(path: Path | str) -> Path:
     raise CampaignError(
         table,
         f"the file {table.with_suffix('.yaml').name} with metrology noise and robot data is missing beside it; write "
-        "one, as 'campaign simulate' does",
+        "one, as 'campaign simulate' does: in the least a line 'robot: NAME'",
     )
 
 

@@ -73,7 +73,8 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
         yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{usable} rows can be used", metrics=metrics)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
-        yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics)
+        remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"
+        yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=remedy)
     if usable >= FEWEST_FOR_FRAMES > poses:
         message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
         yield found(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
