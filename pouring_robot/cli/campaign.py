@@ -189,7 +189,12 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     disagree = figures["redundant_drives_disagree_mm"]
     if disagree is not None:
         yield f"redundant drives of the nominal robot{undone} disagree by {disagree:.3g} mm (RMS)"
-    for direction in figures["untold_of_the_frames"]:  # held at zero, and costs nothing
+    untold = figures["untold_of_the_frames"]  # held at zero, and costs nothing
+    turns = [direction for direction in untold if next(iter(direction)).startswith("tool.r")]
+    if misfit and misfit["rotation_mrad"] is None and len(turns) == 3:
+        yield "positions alone do not tell how the target is turned on the tool, and need not"
+        untold = [direction for direction in untold if direction not in turns]
+    for direction in untold:
         text = " ".join(f"{share:+.3g} {name}" for name, share in direction.items())
         yield f"the poses do not tell of the frames: {text.removeprefix('+')}"
 

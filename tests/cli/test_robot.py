@@ -276,6 +276,15 @@ def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     assert err.count("\n") == 1
 
 
+def test_of_positions_alone_it_is_not_told_three_times_how_the_target_is_turned(run, tmp_path):
+    robot = ROBOTS / "arm" / "robot.yaml"
+    at = ("--random", "25", "--seed", "1", "--robot", robot, "--position-only", "--out", "places.csv")
+    assert run("campaign", "simulate", *at)[0] == 0
+    lines = run("campaign", "check", "places.csv", "--robot", robot)[1].splitlines()
+    (told,) = (line for line in lines if " tell " in line)
+    assert told == "positions alone do not tell how the target is turned on the tool, and need not"
+
+
 def test_any_robot_is_posed_and_compensated(run, tmp_path):
     """A delta whose first arm is off by 1 mrad: sent to a place, drawn, and corrected there."""
     robot = ROBOTS / "delta" / "robot.yaml"
