@@ -62,7 +62,7 @@ class CalibrationFindings(Result):
 
     @property
     def inflation(self) -> float:
-        """Factor on all standard deviations where the residuals are larger than the noise; 1 where not."""
+        """By how much residuals exceed the noise, see :attr:`~pouring_robot.estimation.map_fit.Fit.inflation`."""
         return self.fit.inflation
 
     @property
