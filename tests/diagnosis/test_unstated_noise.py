@@ -1,0 +1,59 @@
+"""Noise that nobody states: what few repeats tell of it, smaller than it is by chance, and what is left over tells."""
+
+import numpy as np
+import pytest
+
+from pouring_robot import RobotModel, diagnose
+from pouring_robot.diagnosis import DiagnosisOptions
+from pouring_robot.robot.model import DriveOffset
+from pouring_robot.robot.robot import Robot
+from tests.campaign.simulated import SIGMA_M, damaged, measure
+from tests.support import ROOT
+
+
+@pytest.mark.parametrize(("gap_m", "verdict"), [(0.0, "no_gap"), (2e-4, "unknown")])
+def test_what_few_repeats_say_too_small_by_chance_is_no_gap(drawing, gap_m, verdict):
+    """Five readings of one pose, 0.6 times as far apart as the noise: what comes out in one of thirty campaigns."""
+    campaign = measure(drawing, seed=4, sigma_rotation_rad=None).campaign
+    campaign = campaign.subset(np.array([0] * 4 + [*range(60)]))
+    moved = 0.6 * SIGMA_M * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / np.sqrt(2.5)
+    moved = np.concatenate([moved, gap_m * np.random.default_rng(1).choice([-1.0, 1.0], 59)])
+    few = damaged(
+        campaign,
+        metadata=campaign.metadata.model_copy(update={"sigma_position_m": None}),
+        position_m=lambda p: p + moved[:, None],
+    )
+    found = diagnose(few, None, DiagnosisOptions(next_count=0, hold_out="region"))
+    assert (found.verdict, found.effects) == (verdict, ())
+    if verdict == "no_gap":
+        assert found.noise.position_m == pytest.approx(SIGMA_M, rel=0.1)
+        assert found.noise.freedoms > 100.0
+    else:
+        assert found.noise.freedoms == 12.0
+        assert "in place of what repeats tell, 0.03 mm" in found.headline
+
+
+def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
+    """Rotations a hundred times as poor as positions, of an arm whose zeros are off: by chi-square of what is left."""
+    believed = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
+    off = np.random.default_rng(0).normal(0.0, 25.0, len(believed.definition.drives))
+    zeros = {
+        drive.joint: DriveOffset(offset_mrad=o)
+        for drive, o in zip(believed.definition.drives, off.tolist(), strict=True)
+    }
+    actual = Robot(believed.model_copy(update={"drive_offsets": zeros}))
+    campaign = measure(actual, count=36, seed=0, sigma_rotation_rad=100.0 * SIGMA_M).campaign
+    silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    found = diagnose(damaged(campaign, metadata=silent), believed, DiagnosisOptions(next_count=0))
+    assert [effect.cause.effect for effect in found.firm] == ["drive_zero_offset"]
+    assert found.noise.position_m == pytest.approx(SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
+    assert found.noise.rotation_rad == pytest.approx(100.0 * SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
+    assert not any("still changed" in note for note in found.notes)
+
+
+def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
+    campaign = measure(drawing, seed=4).campaign
+    silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    monkeypatch.setattr("pouring_robot.diagnosis.diagnose._NOISE_ROUNDS", 1)
+    found = diagnose(damaged(campaign, metadata=silent), None, DiagnosisOptions(next_count=0))
+    assert "the noise that is left over still changed after 1 searches: state it" in found.notes
