@@ -44,7 +44,9 @@ def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
     actual = Robot(believed.model_copy(update={"drive_offsets": zeros}))
     campaign = measure(actual, count=36, seed=0, sigma_rotation_rad=100.0 * SIGMA_M).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
-    found = diagnose(damaged(campaign, metadata=silent), believed, DiagnosisOptions(next_count=0))
+    others = "drive_coupling", "joint_placement"  # left out: their many forms take long
+    options = DiagnosisOptions(exclude=others, next_count=0)
+    found = diagnose(damaged(campaign, metadata=silent), believed, options)
     assert [effect.cause.effect for effect in found.firm] == ["drive_zero_offset"]
     assert found.noise.position_m == pytest.approx(SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
     assert found.noise.rotation_rad == pytest.approx(100.0 * SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
