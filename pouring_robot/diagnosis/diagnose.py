@@ -270,7 +270,7 @@ class _Work:
             after, hypothesis = diagnoser.found(start, at)
             noise, share, component = diagnoser.rows.noise, share_left(hypothesis), after.fitted_rows.component
             freedoms = {kind: share * float(are(kind, component).sum()) for kind in noise.measured}
-            left = noise_left(noise, noise.measured, after, hypothesis)
+            left = noise_left(noise, after, hypothesis)
             better = asked.diagnoser.rows.noise.told_by(left, freedoms, self.options.false_names)
             found = _Searched(asked, diagnoser, after, hypothesis, better.apart(noise) < _NOISE_SETTLED)
             if found.settled:

@@ -12,7 +12,6 @@ from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, Na
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.stack import local_changes
-from pouring_robot.estimation.kinds import Kind
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
@@ -275,11 +274,11 @@ class Diagnoser:
         return self.rows.signature(local_changes(parameters, values.tolist()), linear)
 
 
-def noise_left(noise: NoiseLevel, kinds: Iterable[Kind], after: State, hypothesis: Hypothesis) -> NoiseLevel:
-    """Return the noise with that of some kinds taken from what a hypothesis leaves over."""
+def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
+    """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
     left = hypothesis.remainder
     free = np.full(len(left), share_left(hypothesis))
-    return noise.left_over(kinds, after.fitted_rows.component, left, free, fewest=0.0)
+    return noise.left_over(noise.measured, after.fitted_rows.component, left, free, fewest=0.0)
 
 
 def share_left(hypothesis: Hypothesis) -> float:

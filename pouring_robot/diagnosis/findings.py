@@ -77,7 +77,7 @@ class Findings:
         """The noise as which what is left scatters from row to row; None where it does not, or is as stated."""
         if not self.judgement.scatters:
             return None
-        return noise_left(self.noise, self.noise.measured, self.after, self.hypothesis)
+        return noise_left(self.noise, self.after, self.hypothesis)
 
     @property
     def mostly_workmanship(self) -> bool:
