@@ -146,10 +146,10 @@ def _stuck_measurements(campaign: Campaign) -> Iterator[DataFlag]:
     moved = np.abs(np.diff(campaign.drives, axis=0)).max(axis=1) > 1e-3
     found_in = ((name, campaign.quantity(name)) for name in (*columns.POSITION, *columns.ROTATION, columns.DISTANCE))
     seen = {name: values for name, values in found_in if values is not None and np.isfinite(values).any()}
+    alone = len(seen) == 1
+    seen.pop(columns.DISTANCE, None)  # two places may well be as far away
     for name, values in seen.items():
-        if name == columns.DISTANCE:
-            continue  # two places may well be as far away
-        plane = len(seen) == 1 and np.nanmax(values) == np.nanmin(values)
+        plane = alone and np.nanmax(values) == np.nanmin(values)
         for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
             severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
             yield _stuck(campaign, name, values[rows[0]], rows, severity, remedy)
