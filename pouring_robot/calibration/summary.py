@@ -57,11 +57,8 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             "deviations are those of a noise as large"
         )
     if calibration.noise.from_residuals:
-        least = calibration.noise.least_words
-        found.append(
-            "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
-            + (f"; {least}" if least else "")
-        )
+        said = "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
+        found.append("; ".join((said, *calibration.noise.doubts)))
     if not calibration.fit.converged:
         found.append(
             f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "

@@ -287,6 +287,7 @@ class _Work:
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
         given, sigma = rows.conditions, rows.measured.sigma
+        noise = replace(rows.noise, settled=found.settled)
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
         diagnosis = Diagnosis(
@@ -296,7 +297,7 @@ class _Work:
             inliers=asked.inliers,
             left_out=asked.left_out,
             flags=flags,
-            noise=rows.noise,
+            noise=noise,
             fitted=fitted,
             held_out_name=asked.parts.test_name if asked.parts else "",
             diagnoser=diagnoser,
@@ -313,7 +314,7 @@ class _Work:
             in_turn=in_turn,
             notes=(
                 *asked.notes,
-                *_noise_notes(rows.noise, settled=found.settled),
+                *_noise_notes(noise),
                 *(f"assumed: {line}" for line in given.assumed),
                 *rows.untold,
             ),
@@ -360,13 +361,9 @@ class _Work:
         return judgement, after, hypothesis, in_turn
 
 
-def _noise_notes(noise: NoiseLevel, *, settled: bool) -> list[str]:
-    unsettled = f"the noise that is left over still changed after {_NOISE_ROUNDS} searches: state it"
-    notes = [] if settled else [unsettled]
-    if noise.from_residuals:
-        notes.append("the noise is not stated and comes from what is left over: whether a gap is left cannot be said")
-        notes += [f"the noise: {noise.least_words}"] if noise.least_words else []
-    return notes
+def _noise_notes(noise: NoiseLevel) -> list[str]:
+    unjudged = "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
+    return [*([unjudged] if noise.from_residuals else []), *(f"the noise: {doubt}" for doubt in noise.doubts)]
 
 
 def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:

@@ -13,7 +13,7 @@ the measurements cannot tell: :mod:`pouring_robot.estimation.identifiability`.
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -193,12 +193,12 @@ def noise_left_over(
 ) -> NoiseLevel:
     """Return the noise, what is unknown of it taken from what a fit with it leaves over, until both agree within 1 %.
 
-    Raises as :func:`identify`.
+    Where they do not before the rounds end, it is not ``settled``. Raises as :func:`identify`.
     """
     for _ in range(_NOISE_ROUNDS):
         fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
         noise, assumed = noise.left_over(noise.open_kinds, fit.equations.components, *fit.left_over), noise
         if noise.apart(assumed) < _NOISE_SETTLED:
-            break
+            return noise
         start = fit.unknowns
-    return noise
+    return replace(noise, settled=False)

@@ -48,6 +48,7 @@ class NoiseLevel:
     """The noise of every kind."""
 
     kinds: Mapping[Kind, Noise]  # a kind that is left out was not measured
+    settled: bool = True  # False where what a fit leaves over was still another when the fits that told it ended
 
     @classmethod
     def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
@@ -123,14 +124,16 @@ class NoiseLevel:
         return " and ".join(f"{self[kind].sigma / si:.2g} {unit}" for kind, (unit, si) in units.items())
 
     @property
-    def least_words(self) -> str:
-        """What stands for the noise where hardly anything is left over, in words; "" where that is not so."""
+    def doubts(self) -> list[str]:
+        """What makes a noise that nobody states a rough one, in words: that hardly any is left over, or no one size."""
+        unstated = [kind for kind in self.measured if self[kind].source != "stated"]
         exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
-        if not exact:
-            return ""
-        keys = ", ".join(map(noise_key, exact))
-        least = f"{LEAST_NOISE / MM:g} mm or mrad"
-        return f"hardly any is left over, so {least} stands for it: state it ({keys} in the YAML)"
+        why = {
+            "it still changed when the fits that tell it ended": [] if self.settled else unstated,
+            f"hardly any is left over, so {LEAST_NOISE / MM:g} mm or mrad stands for it": exact,
+        }
+        keys = {words: ", ".join(map(noise_key, kinds)) for words, kinds in why.items() if kinds}
+        return [f"{words}: state it ({names} in the YAML)" for words, names in keys.items()]
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:

@@ -180,6 +180,15 @@ def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
     assert calibrate(drifting, None, CalibrationOptions(parameters=("drives",), choose=False)).inflation > 2.0
 
 
+@pytest.mark.parametrize("rounds", [1, 12])
+def test_a_noise_that_nobody_states_settles_or_is_said_not_to(clean, monkeypatch, rounds):
+    monkeypatch.setattr("pouring_robot.estimation.map_fit._NOISE_ROUNDS", rounds)
+    metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None})
+    found = calibrate(damaged(clean.campaign, metadata=metadata), None, CalibrationOptions(("drives",), choose=False))
+    still = "it still changed when the fits that tell it ended: state it (sigma_position_mm in the YAML)"
+    assert [line.endswith(still) for line in warnings_of(found) if "cannot judge the fit" in line] == [rounds == 1]
+
+
 def test_positions_only(as_built):
     campaign = measure(as_built, count=80, seed=8, sigma_rotation_rad=None).campaign
     found = calibrate(campaign, None, CalibrationOptions(parameters=("centres",)))

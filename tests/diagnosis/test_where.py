@@ -257,7 +257,7 @@ def test_absent_and_constant_conditions(full):
 
 
 @pytest.mark.parametrize("wrong", [7.0, 0.1])
-def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong):
+def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong, monkeypatch):
     rng = np.random.default_rng(11)
     given = scene(rng)
     data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
@@ -270,6 +270,9 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong):
     assert conditions_found(where) == ["truss travel"]
     size = next(f.size for f in where.findings if f.what == "condition")
     assert size == pytest.approx(5e-4 * np.sin(given.travels["truss_travel"]).std(), rel=0.15)
+    assert not any("still changed" in note for note in where.notes)
+    monkeypatch.setattr("pouring_robot.diagnosis.where.dependence._NOISE_ROUNDS", 1)
+    assert any("still changed" in note for note in disagreements(guessed, given, 0.01).notes)
 
 
 def test_each_kind_of_reading_has_its_own_noise():

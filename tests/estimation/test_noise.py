@@ -118,9 +118,10 @@ def test_exact_data_leave_the_least_noise_and_say_so(drawing, clean, monkeypatch
     noise = noise_left_over(virtual.rows, exact, start, virtual.prior, open_noise)
     assert noise.position_m == noise.rotation_rad == LEAST_NOISE
     assert sum(fit.evaluations for fit in fits) <= 12
-    assert "0.001 mm or mrad stands for it" in noise.least_words
-    assert "(sigma_position_mm, sigma_rotation_mrad in the YAML)" in noise.least_words
-    assert NoiseLevel.stated(LEAST_NOISE, LEAST_NOISE).least_words == ""
+    (doubt,) = noise.doubts
+    assert "0.001 mm or mrad stands for it" in doubt
+    assert "(sigma_position_mm, sigma_rotation_mrad in the YAML)" in doubt
+    assert NoiseLevel.stated(LEAST_NOISE, LEAST_NOISE).doubts == []
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):

@@ -22,13 +22,16 @@ from pouring_robot.mechanism.arrays import rms
 
 _MOST = 12
 _NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
-"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures."""
+"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures. More rounds
+settle few others: where a process does as well as row-by-row chance, the two take turns."""
 _MONOTONE = 0.8
 _MINOR = 0.25
 
 
-def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Finding]:
+def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[list[Finding], bool]:
     """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
+
+    Beside it stands whether the noise settled, see below.
 
     A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
     1963), so that the number of processes tried over B is a p-value. A noise that is not known is given as all
@@ -42,11 +45,10 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy.of(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(Thresholds(alpha).evidence_of_one_in(len(processes)), _MOST)
-        if data.noise_known or not found or turn == _NOISE_ROUNDS:
-            break
         followed = (item.part for item in found if item.process.by != CHANCE)
         left = data.scaled(data.cleared - sum(followed, np.zeros(len(data.cleared))))
-        if np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED):
+        settled = data.noise_known or np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED)
+        if settled or turn == _NOISE_ROUNDS:
             break
         data = left
     kinds: dict[tuple[str, bool], list[Summand]] = {}
@@ -61,7 +63,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
         finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes))
         findings.append(replace(finding, share=float(part @ part) / total))
-    return sorted(findings, key=lambda finding: -finding.share)
+    return sorted(findings, key=lambda finding: -finding.share), settled
 
 
 def _finding(

@@ -67,8 +67,12 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
     if not data.noise_known:
         noted.append("The noise is not known: sizes cannot be judged against it, only what they depend on.")
     general = [overall(scaled, freedoms), *components(scaled), *repeats(scaled, conditions)]
+    depends: list[Finding] = []
     if n >= _FEWEST_ROWS:
         general += regions(scaled, conditions)
+        depends, settled = dependence(scaled, conditions, 0.5 * alpha)
+        if not settled:
+            noted.append("The noise left beside what they depend on still changed, so those sizes are rough: state it.")
         if missing := untested(conditions):
             noted.append(f"Not measured or not varied, so nothing can be said of: {', '.join(missing)}.")
     else:
@@ -77,7 +81,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
     # How much first, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != "region"),
-        *(dependence(scaled, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
+        *depends,
         *[f for f in general if f.what == "region"][:1],
     )
     of_both_halves = tuple(f if f.p_value is None else replace(f, p_value=min(2.0 * f.p_value, 1.0)) for f in findings)
