@@ -100,7 +100,7 @@ def _ladle(calibration: CalibrationFindings) -> str:
         places, index = np.unique(ladle.position_m[:, [0, 2]].round(6), axis=0, return_inverse=True)
         worst = np.array([half[index.ravel() == k].max() for k in range(len(places))])
         shown = left.scatter(places[:, 0] / MM, places[:, 1] / MM, c=worst, s=60, cmap="viridis")
-        figure.colorbar(shown, ax=left, label="± mm, the worst y and tilt there")
+        figure.colorbar(shown, ax=left, label="± mm, the worst pose there")
         left.margins(0.2)
         across = np.arange(half.size) if ladle.tilt_rad is None else np.degrees(ladle.tilt_rad)
         dots = right.scatter(across, half, s=8, color=AFTER)

@@ -45,7 +45,7 @@ class CampaignMetadata(StrictModel):
     sigma_rotation_rad: Size | None = None  # of a component of the measured rotation
     sigma_distance_m: Size | None = None  # of a distance
     sigma_closure_m: Size | None = None  # of what redundant drives disagree by
-    screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
+    screw_pitch_m: Size | None = None  # travel of a sliding drive a turn of its screw
     # who says the side each drive came from: the table alone, or each pose was driven to straight from the one before
     approach: Approach = "stated"
     truss_span_m: Size | None = None  # length of the rails

@@ -19,7 +19,7 @@ from pouring_robot.mechanism.joint_types import JointKind
 
 LoopKind = Literal["6d", "3d"]
 
-# Legs of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
+# Struts of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
 # sqrt(k_rot / k_trans), here 0.03 m, is at most 0.1 m.
 DEFAULT_TRANSLATION_STIFFNESS = 1.0e8
 DEFAULT_ROTATION_STIFFNESS = 1.0e5

@@ -34,7 +34,7 @@ class LearnedCampaign(StrictModel):
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
     reference_temperature_degC: Surroundings
-    screw_pitch_m: Size | None = None  # travel of a leg a turn of its screw
+    screw_pitch_m: Size | None = None  # travel of a sliding drive a turn of its screw
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: Size | None = None  # mass of the empty ladle
     # centre of mass of the ladle in the moving platform's frame

@@ -62,8 +62,8 @@ class JointPlacement(StrictModel):
 class DriveOffset(StrictModel):
     """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle."""
 
-    offset_mm: float | None = None  # of a leg
-    offset_mrad: float | None = None  # of the tilt drive
+    offset_mm: float | None = None  # of a drive that slides
+    offset_mrad: float | None = None  # of one that turns
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> DriveOffset:

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pydantic
@@ -42,14 +42,20 @@ Length = Annotated[Tolerance, _in("mm")]
 Angle = Annotated[Tolerance, _in("mrad")]
 
 
-class Kinds(StrictModel):
-    """A tolerance for each kind of parameter."""
+def _kind(name: str, formerly: str = "") -> Any:
+    """Return the field of a kind: a file may leave it out, which is then as shipped, or call it as files once did."""
+    names = pydantic.AliasChoices(name, formerly or name)
+    return pydantic.Field(validation_alias=names, default_factory=lambda: getattr(Tolerances.load().kinds, name))
 
-    leg_drive_offset: Length  # zero of a leg's drive
-    tilt_drive_offset: Angle  # zero of the tilt drive
-    joint_centre: Length  # place of a U joint on its platform
-    joint_axis: Angle  # direction of an axis
-    inner_offset: Length  # distances inside a leg and its U joints
+
+class Kinds(StrictModel):
+    """A tolerance for each kind of parameter; a robot's own file names those that its robot has."""
+
+    linear_drive_offset: Length = _kind("linear_drive_offset", formerly="leg_drive_offset")  # zero of a drive
+    rotary_drive_offset: Angle = _kind("rotary_drive_offset", formerly="tilt_drive_offset")
+    joint_centre: Length = _kind("joint_centre")  # place of a joint on the body that carries it
+    joint_axis: Angle = _kind("joint_axis")  # direction of an axis
+    inner_offset: Length = _kind("inner_offset")  # distances within a chain and its joints, where they are told apart
 
 
 class Tolerances(StrictModel):
@@ -78,7 +84,7 @@ class Tolerances(StrictModel):
 def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> str:
     """Return which of :class:`Kinds` a parameter is; a DH error is of the kind of the placement it displaces."""
     if isinstance(parameter, DriveParameter):
-        return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
+        return "linear_drive_offset" if parameter.unit == "m" else "rotary_drive_offset"
     if parameter.unit == "rad":
         return "joint_axis"
     return "inner_offset" if parameter.joint in inner_joints else "joint_centre"

@@ -44,7 +44,7 @@ def test_a_set_is_found_like_a_name(catalogue):
     found = [p.name for p in catalogue.match("centres")]
     assert found == [p.name for p in all_parameters(catalogue.groups(("centres",)))]
     kinds = {kind_of(p.local, INNER_JOINTS) for p in catalogue.match("centres")}
-    assert kinds == {"leg_drive_offset", "tilt_drive_offset", "joint_centre"}
+    assert kinds == {"linear_drive_offset", "rotary_drive_offset", "joint_centre"}
     assert kind_of(catalogue.match("alpha_e1_56")[0].local, INNER_JOINTS) == "joint_axis"
 
 

@@ -20,7 +20,7 @@ def test_priors_are_in_metres_and_radians(drawing):
     assert by_name["leg1_s1.tx"] == pytest.approx(1e-3 * tolerances.kinds.joint_centre.std)
     assert by_name["leg2_s4.rx"] == pytest.approx(1e-3 * tolerances.kinds.joint_axis.std)
     kinds = {kind_of(p, model.model.definition.inner_joints) for p in model.parameters}
-    assert kinds == {"leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
+    assert kinds == {"linear_drive_offset", "rotary_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
 
 
 def test_joints_are_inner_ones_where_the_robot_says_so():
@@ -29,6 +29,22 @@ def test_joints_are_inner_ones_where_the_robot_says_so():
     tolerances = Tolerances.load()
     std = tolerances.std([p for p in placement_parameters(["leg1_s2", "leg5_s2"]) if p.unit == "m"], robot)
     np.testing.assert_array_equal(std, 6 * [tolerances.kinds.joint_centre.to_si()])
+
+
+def test_a_file_names_what_its_robot_has_and_may_call_it_as_files_once_did(tmp_path):
+    shipped, path = Tolerances.load(), tmp_path / "t.yaml"
+    for called in ("linear_drive_offset", "leg_drive_offset"):
+        path.write_text(f"kinds: {{{called}: {{std: 7.0, unit: mm, source: tape}}}}\n")
+        kinds = Tolerances.load(path).kinds
+        assert kinds.linear_drive_offset.std == 7.0
+        assert kinds.model_copy(update={"linear_drive_offset": shipped.kinds.linear_drive_offset}) == shipped.kinds
+    path.write_text("kinds: {leg_drive_ofset: {std: 7.0, unit: mm, source: tape}}\n")
+    with pytest.raises(DescriptionError, match=r"unknown key .kinds\.leg_drive_ofset"):
+        Tolerances.load(path)
+    said = "{std: 7.0, unit: mm, source: tape}"
+    path.write_text(f"kinds: {{leg_drive_offset: {said}, linear_drive_offset: {said}}}\n")
+    with pytest.raises(DescriptionError, match="leg_drive_offset"):
+        Tolerances.load(path)
 
 
 def test_a_file_of_ones_own(tmp_path):

@@ -186,7 +186,7 @@ def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str
     """Return the report, with what :func:`study_figure` has drawn, as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
-    where = f"How far {frame} is {plan.off}, RMS over the robots: slices of the workspace, the worst tilt there"
+    where = f"How far {frame} is {plan.off}, RMS over the robots: slices of the workspace, the worst attitude there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
