@@ -26,8 +26,11 @@ BOX_LOWER = np.array([-0.150, -0.050, -0.825, -0.4884])
 BOX_UPPER = np.array([-0.050, 0.050, -0.425, 1.08155])
 
 
-def gantry_file(folder):
-    """Write the robot file of three slides at right angles, of different strokes, and its URDF; return its path."""
+def gantry_file(folder, lead=None):
+    """Write the robot file of three slides at right angles, of different strokes, and its URDF; return its path.
+
+    With a lead, in m a turn, they are driven by nuts on screws.
+    """
     joints, links = "", '<link name="base"/>'
     for parent, child, axis, stroke in (
         ("base", "x", "1 0 0", 2.1),
@@ -36,10 +39,17 @@ def gantry_file(folder):
     ):
         links += f'<link name="{child}"/>'
         joints += f'<joint name="{child}_slide" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
-        joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{stroke}" effort="1" velocity="1"/></joint>'
+        joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{stroke}" effort="1" velocity="1"/>'
+        if lead is not None:
+            links += f'<link name="{child}_nut"/>'
+            joints += f'<mimic joint="{child}_turn" multiplier="{lead / (2.0 * np.pi)!r}"/></joint>'
+            joints += f'<joint name="{child}_turn" type="revolute"><parent link="{parent}"/><child link="{child}_nut"/>'
+            turns = 2.0 * np.pi * stroke / lead
+            joints += f'<axis xyz="{axis}"/><limit lower="0" upper="{turns!r}" effort="1" velocity="1"/>'
+        joints += "</joint>"
     (folder / "gantry.urdf").write_text(f'<robot name="gantry">{links}{joints}</robot>', encoding="utf-8")
     text = "format: pouring_robot/robot/1\nname: gantry\nurdf: gantry.urdf\nbase_frame: base\nend_frame: z\n"
-    drives = ", ".join(f"{{joint: {axis}_slide}}" for axis in "xyz")
+    drives = ", ".join(f"{{joint: {axis}_{'turn' if lead else 'slide'}}}" for axis in "xyz")
     (folder / "robot.yaml").write_text(f"{text}drives: [{drives}]\n", encoding="utf-8")
     return folder / "robot.yaml"
 

@@ -46,7 +46,9 @@ _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COL
 LOCKED = 1e-9
 """Where :func:`least_commanded` is no more, no drives move the frame along some direction."""
 MOST_STEPS = 25
-_FAR = 0.1  # of Newton's longest step: drives that go further, 10 mm or 0.03 rad, are said
+_FAR = 0.1
+"""Of Newton's longest step: drives that take what they move further, 10 mm or 0.03 rad, are said. Over as much a
+Jacobian changes by 3 %; in nine of ten poses of the examples' robots errors within the tolerances ask for less."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

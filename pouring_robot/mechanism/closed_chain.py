@@ -216,6 +216,13 @@ class ClosedChainMechanism:
         return self._paths[0]
 
     @functools.cached_property
+    def seen_joints(self) -> frozenset[str]:
+        """Joints that carry the base frame, or what is reported or closed, but not both."""
+        paths, loops = self.frame_paths, self.loops
+        frames = (*loops.reported_frames, *loops.loop_frames)
+        return frozenset(joint for frame in frames for joint in {*paths[loops.base_frame]} ^ {*paths[frame]})
+
+    @functools.cached_property
     def _paths(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
         paths: list[tuple[str, ...]] = []
         joints: dict[str, tuple[str, ...]] = {}

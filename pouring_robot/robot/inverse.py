@@ -191,14 +191,24 @@ def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
 
 
 def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
-    """Return Newton steps of a mechanism's drives, (..., drives), none of them longer than 0.1 m and 0.3 rad."""
+    """Return Newton steps of a mechanism's drives, (..., drives), none of them longer than :func:`longest_steps`."""
     longest = longest_steps(mechanism)
     return np.asarray(step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True)))
 
 
 def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
-    """Return the longest step of each drive of a mechanism, (drives,), in m and rad."""
-    return np.array([_LONGEST[mechanism.unit_of(name)] for name in mechanism.loops.drives])
+    """Return the longest step of each drive of a mechanism, (drives,), in m and rad.
+
+    It takes no joint that the drive moves, itself or what mimics it, further than 0.1 m or 0.3 rad. One that carries
+    nothing does not count: a nut may turn as often as its screw is long.
+    """
+
+    def longest(drive: str) -> float:
+        moved = mechanism.followed({drive: 1.0}).items()
+        steps = [_LONGEST[mechanism.unit_of(j)] / abs(rate) for j, rate in moved if rate and j in mechanism.seen_joints]
+        return min(steps, default=_LONGEST[mechanism.unit_of(drive)])
+
+    return np.array([longest(drive) for drive in mechanism.loops.drives])
 
 
 def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tuple[int, int]:

@@ -124,22 +124,16 @@ class Robot:
     @functools.cached_property
     def unseen_displacements(self) -> tuple[str, ...]:
         """Displaced joints that no pose seen from the base frame shows: they carry all, as a rail, or a finger."""
-        seen = self._seen_joints
+        seen = self.drawing.mechanism.seen_joints
         return tuple(joint for joint in self.model.joint_placements if joint not in seen)
 
     @property
     def idle_drives(self) -> tuple[str, ...]:
         """Drives that move nothing that is measured against the base frame, as those beyond the end frame."""
-        seen, mechanism = self._seen_joints, self.drawing.mechanism
+        mechanism = self.drawing.mechanism
+        seen = mechanism.seen_joints
         leading = {mimic.leader for mimic in mechanism.mimics if mimic.joint in seen}
         return tuple(drive for drive in mechanism.loops.drives if drive not in seen | leading)
-
-    @property
-    def _seen_joints(self) -> set[str]:
-        """Joints that carry the base frame, or what is reported or closed, but not both."""
-        paths, loops = self.drawing.mechanism.frame_paths, self.drawing.mechanism.loops
-        frames = (*loops.reported_frames, *loops.loop_frames)
-        return {joint for frame in frames for joint in {*paths[loops.base_frame]} ^ {*paths[frame]}}
 
     def standing(self, drives: FloatArray) -> FloatArray:
         """Return where the drives of the robot as built stand for commands (..., drives), in m and rad."""

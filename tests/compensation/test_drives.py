@@ -10,6 +10,7 @@ from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import ROBOTS, commands, crooked
+from tests.support import gantry_file
 
 __all__ = ["crooked"]
 
@@ -51,6 +52,18 @@ def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
         found.append(one)
     told = ["attitude further off with compensation than without: 4 of 4 poses, by up to "] if worse else []
     assert [note[: len(told[0])] for note in drive_notes(found)] == told
+
+
+@pytest.mark.parametrize(("off_mm", "far"), [(0.5, False), (9.9, False), (10.1, True), (30.0, True)])
+def test_a_nut_goes_far_where_its_slide_does(tmp_path, off_mm, far):
+    model = RobotModel.for_robot(gantry_file(tmp_path, lead=0.005))
+    robot = Robot(
+        model.model_copy(update={"joint_placements": {"x_slide": JointPlacement(translation_mm=(off_mm, 0, 0))}})
+    )
+    found = compensate_drives(robot, wanted := robot.location_at([200.0, 20.0, 30.0]))
+    assert found.status == "reached"
+    assert wanted.drives["x_turn"] - found.drives["x_turn"] == pytest.approx(2.0 * np.pi * off_mm / 5.0)
+    assert [note.startswith("drives go far") for note in drive_notes([found])] == [True] * far
 
 
 def test_commands_are_written_as_they_are_read(crooked, tmp_path):

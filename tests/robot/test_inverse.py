@@ -9,7 +9,7 @@ from pouring_robot.exceptions import BadInputError, ClosureError, NoSolutionErro
 from pouring_robot.robot.inverse import REACHED, Reached, Target
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import NAMES, ROBOTS
-from tests.support import ROOT
+from tests.support import ROOT, gantry_file
 
 PLACED_ONLY = ("delta", "five_bar")
 HANGPRINTER = Robot.load(ROOT / "examples" / "machines" / "hangprinter" / "robot.yaml")
@@ -111,6 +111,13 @@ def test_a_real_arm_comes_back_to_where_it_was():
     there = arm.location_at([0.3, -1.4, 1.1, 0.2, 0.6, 0.1]).nominal.pose_base_to_end
     found = arm.location_to(Target(there.translation, there.rotation)).nominal.pose_base_to_end
     assert np.abs(pin.log6(there.actInv(found)).vector).max() < REACHED
+
+
+def test_nuts_turn_as_often_as_it_takes(tmp_path):
+    """A step of a nut is as long as what it moves, not as a turn of it."""
+    robot = Robot.load(gantry_file(tmp_path, lead=0.005))
+    found = robot.location_to(Target(np.array([1.9, 0.1, 0.7])))
+    np.testing.assert_allclose(list(found.drives.values()), 2.0 * np.pi / 0.005 * np.array([1.9, 0.1, 0.7]))
 
 
 @pytest.mark.parametrize(
