@@ -33,7 +33,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.joint_limits import WRITTEN, in_limits
-from pouring_robot.mechanism.joint_types import BOUNDED, NOT_IN_URDF, change_joints
+from pouring_robot.mechanism.joint_types import NOT_IN_URDF, change_joints
 from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.drawing import Drawing, agreed
@@ -42,7 +42,7 @@ from pouring_robot.robot.description.robot_file import AMBIENT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import (
     carriers,
     check_sound,
-    limits_said,
+    limits_of,
     meshes_from,
     parsed,
     reach,
@@ -161,10 +161,10 @@ class RobotDefinition:
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
         for joint in joints:
-            name, (lower, upper) = str(joint.get("name")), limits_said(joint)
-            value = self.file.home.get(name, lower)
-            bounded = lower < upper and joint.get("type") in BOUNDED
-            if bounded and not in_limits(value, lower, upper, WRITTEN):
+            name, limits = str(joint.get("name")), limits_of(joint)
+            value = self.file.home.get(name)
+            if limits and value is not None and not in_limits(value, *limits, WRITTEN):
+                lower, upper = limits
                 beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
                 raise DescriptionError(self.path, beyond)
 
@@ -174,10 +174,10 @@ class RobotDefinition:
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): limits_said(joint) for joint in joints}
+        limits = {str(joint.get("name")): limits_of(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
-            lower, upper = limits[drive.joint]
-            whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
+            lower, upper = limits[drive.joint] or (0.0, 0.0)
+            whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if limits[drive.joint] else self.reach_m
             least, most = min(2.0 * lower - upper, -whole), max(2.0 * upper - lower, whole)
             if not least <= drive.zero <= most:
                 unit, si = joint_shown_in(drive.unit)

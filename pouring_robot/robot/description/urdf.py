@@ -127,6 +127,12 @@ def limits_said(joint: etree._Element) -> tuple[float, float]:
     return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
 
 
+def limits_of(joint: etree._Element) -> tuple[float, float] | None:
+    """Return the limits of a joint, m or rad; None where it has none, by its type or as both are one value."""
+    lower, upper = limits_said(joint)
+    return (lower, upper) if joint.get("type") in BOUNDED and lower < upper else None
+
+
 def check_sound(root: etree._Element, source: Path | str) -> None:
     """Refuse what readers take without a word: axes of no length, limits the wrong way round, masses less than none.
 

@@ -13,9 +13,9 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.joint_types import BOUNDED, EXPORTED
+from pouring_robot.mechanism.joint_types import EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.robot.description.urdf import joint_axis, limits_said, origin_pose, robot_name
+from pouring_robot.robot.description.urdf import joint_axis, limits_of, origin_pose, robot_name
 from pouring_robot.robot.export.closed_robot import ClosedRobot
 
 
@@ -199,7 +199,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
-    axis, (lower, upper) = joint_axis(entry), limits_said(entry)
+    axis = joint_axis(entry)
     said = {key: value for part in entry.xpath("limit | dynamics") for key, value in part.attrib.items()}
     return Joint(
         name,
@@ -208,6 +208,6 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         str(entry.find("child").get("link")),
         axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
         closed.joints.get(name, 0.0),
-        (lower, upper) if kind in BOUNDED and lower < upper else None,
+        None if kind == "spherical" else limits_of(entry),
         *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
     )

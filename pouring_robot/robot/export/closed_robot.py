@@ -18,9 +18,8 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.mechanism.joint_types import BOUNDED
 from pouring_robot.mechanism.pinocchio_model import frame_index, model_of
-from pouring_robot.robot.description.urdf import joint_axis, parsed, perturb_urdf, xml_text
+from pouring_robot.robot.description.urdf import joint_axis, limits_of, parsed, perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -87,8 +86,8 @@ class ClosedRobot:
         for joint in root.iterfind("joint"):
             value = self.joints.get(str(joint.get("name")), 0.0)
             limit, mimic = joint.find("limit"), joint.find("mimic")
-            for bound in ("lower", "upper") if limit is not None and joint.get("type") in BOUNDED else ():
-                limit.set(bound, repr(float(limit.get(bound, "0")) - value))
+            for bound, said in zip(("lower", "upper"), limits_of(joint) or (), strict=False):
+                limit.set(bound, repr(said - value))
             if mimic is not None:
                 mimic.set("offset", "0")
         return xml_text(root)
