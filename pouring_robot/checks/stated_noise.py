@@ -209,10 +209,10 @@ def _by_all(drives: FloatArray) -> Iterator[FloatArray]:
 def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:
     """Yield what goes by each drive's own value, (n, D): in proportion, and waves of a turn of joint or motor."""
     yield _in_proportion(drives)
-    turns = np.array([drive.per_turn or campaign.metadata.screw_pitch_m or np.inf for drive in campaign.robot.drives])
+    own = zip(campaign.robot.drives, drives.T, strict=True)
+    turned = np.transpose([drive.turned(values, campaign.metadata.screw_pitch_m) for drive, values in own])
     for order in range(1, _ORDERS + 1):
-        phase = 2.0 * np.pi * order * drives / turns
-        yield from (np.cos(phase) / order, np.sin(phase) / order)
+        yield from (np.cos(order * turned) / order, np.sin(order * turned) / order)
 
 
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:

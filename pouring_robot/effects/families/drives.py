@@ -186,22 +186,15 @@ class Periodic(Family):
     all_main: bool = False  # whether every order makes the effect; if not, higher ones only shape what the first makes
 
     def __post_init__(self) -> None:
-        self.stated = {d.joint: abs(d.per_turn) for d in self.drives if self.period == "pitch" and d.per_turn}
         self.of_turn = self.period == "turn"
+        stated = tuple(drive for drive in self.drives if drive.per_turn) if self.period == "pitch" else ()
         if self.of_turn:
             self.driven_by = "angles_rad"
-        elif self.stated:
+        elif stated:
             # What states no lead has no screw, as a linear motor beside screws.
-            self.drives = tuple(drive for drive in self.drives if drive.joint in self.stated)
-            self.driven_by = "lengths_m"
+            self.drives, self.driven_by = stated, "lengths_m"
         else:
             self.needs = ("screw_pitch_m",)
-
-    def _phase(self, conditions: Conditions, drive: Drive, column: int) -> FloatArray:
-        value = conditions.drives[:, column]
-        if self.of_turn:
-            return value
-        return 2.0 * np.pi * value / self.stated.get(drive.joint, float(conditions.screw_pitch_m or np.nan))
 
     def _learned(self, conditions: Conditions) -> list[FloatArray]:
         if not self.of_turn:
@@ -250,7 +243,8 @@ class Periodic(Family):
         it counts only at angles it had.
         """
         columns = conditions.places(self.drives)
-        phases = [self._phase(conditions, d, k) for d, k in zip(self.drives, columns, strict=True)]
+        values = conditions.drives[:, columns].T
+        phases = [d.turned(value, conditions.screw_pitch_m) for d, value in zip(self.drives, values, strict=True)]
         learned = self._learned(conditions)
         parameters = [
             of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)

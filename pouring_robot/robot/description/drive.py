@@ -65,6 +65,13 @@ class Drive:
         """What it moves by in a turn of its joint or motor, in m or rad; None where its command says no turns."""
         return 2.0 * math.pi if self.unit == "rad" else 2.0 * math.pi * self.factor if self.command == "angle" else None
 
+    def turned(self, value: FloatArray, pitch_m: float | None) -> FloatArray:
+        """Return how far its joint or motor is turned, in rad, at values of the joint in m or rad; same shape.
+
+        ``pitch_m`` is that of its screw where the robot file says none; without either nothing turns.
+        """
+        return np.asarray(2.0 * np.pi * value / abs(self.per_turn or pitch_m or np.inf))
+
     def value(self, command: FloatArray) -> FloatArray:
         """Return the joint's value for commands, in m or rad; same shape."""
         return np.asarray(command * self.factor + self.zero)
