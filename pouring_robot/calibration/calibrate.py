@@ -29,7 +29,7 @@ from pouring_robot.estimation.map_fit import (
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.splits import HoldOut, split
+from pouring_robot.estimation.splits import HoldOut, blocks, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -116,6 +116,8 @@ def calibrate(
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
     full = MeasuredPoses.from_campaign(campaign, noise)
+    in_turn = blocks(campaign, "time", np.setdiff1d(np.arange(len(campaign)), parts.train))
+    stretches = tuple(np.flatnonzero(np.isin(used, stretch)) for stretch in in_turn.values())
 
     def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
@@ -123,7 +125,9 @@ def calibrate(
         train = chosen[used]
         prior = chosen.model.prior_std(tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
-        fit = replace(fit, noise_freedoms=noise.freedoms)
+        fit = replace(
+            fit, noise_freedoms=noise.freedoms, noise_from_residuals=noise.from_residuals, stretches=stretches
+        )
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
     _, _, before = fitted(())
@@ -145,7 +149,7 @@ def calibrate(
     own_frames = [parameter.name for parameter in sessions]
     position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])
     located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
-    known = fit.inflated_covariance, fit.interval_freedoms
+    known = fit.covariances, fit.interval_freedoms
     return Calibration(
         campaign=campaign,
         present=model,

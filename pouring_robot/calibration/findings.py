@@ -16,7 +16,7 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import BaseParameters, combination_text, robot_combinations
-from pouring_robot.estimation.intervals import Estimate
+from pouring_robot.estimation.intervals import Estimate, largest_std
 from pouring_robot.estimation.kinds import KINDS, are, kind_of
 from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.noise import NoiseLevel
@@ -67,8 +67,8 @@ class CalibrationFindings(Result):
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of each unknown, shape (12 + P,), in m and rad, inflation included."""
-        return np.asarray(np.sqrt(np.diagonal(self.fit.inflated_covariance)))
+        """Standard deviation of each unknown, shape (12 + P,), in m and rad, as told to users."""
+        return largest_std(np.eye(len(self.fit.prior_std)), self.fit.covariances)
 
     @property
     def correlation(self) -> FloatArray:
@@ -216,14 +216,14 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
 
     Combinations with an outer frame in them say nothing of the robot.
     """
-    base, fit, covariance = calibration.base, calibration.fit, calibration.fit.inflated_covariance
+    base, fit = calibration.base, calibration.fit
     # The frames, those of sessions with frames of their own too.
     outer = (*base.names[:FRAMES], *(name for name in base.names[FRAMES:] if name.startswith(SESSION)))
     lines = []
     for combination in robot_combinations(base, outer):
         shares = np.array([combination.get(name, 0.0) for name in base.names])
         unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
-        std = float(np.sqrt(shares @ covariance @ shares))
+        std = float(largest_std(shares, fit.covariances))
         prior = float(np.linalg.norm(shares * fit.prior_std))
         sizes = (size / factor for size in (float(shares @ fit.unknowns.values), std, prior))
         lines.append(Movement(combination_text(combination), unit, *sizes, freedoms=fit.interval_freedoms))

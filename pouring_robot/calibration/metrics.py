@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.intervals import deviations95
+from pouring_robot.estimation.intervals import deviations95, largest_std
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
@@ -152,15 +152,16 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 def ladle_uncertainty(
     rows: ModelledRows,
     unknowns: Unknowns,
-    covariance: FloatArray,
+    covariances: Sequence[FloatArray],
     freedoms: float = math.inf,
     *,
     located: bool,
     turned: bool,
 ) -> LadleUncertainty:
-    """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
+    """Carry what is known of the unknowns, in m and rad, at their calibrated values to the lip.
 
-    So many degrees of freedom tell the covariance.
+    That is the largest of some covariances, see :func:`~pouring_robot.estimation.intervals.largest_std`, which so many
+    degrees of freedom tell.
     ``located`` says whether all three coordinates were measured, so that there are axes they stand in, ``turned``
     whether rotations were, so that the attitude of the target is known.
     """
@@ -179,5 +180,4 @@ def ladle_uncertainty(
         lip = axes.T @ lip
     turn = rows.start.rotation[closed]
     tilt = tilts(turn) if np.allclose(turn[:, 1, 1], 1.0) else None
-    std = np.sqrt(np.maximum(((lip @ covariance) * lip).sum(axis=2), 0.0))
-    return LadleUncertainty(rows.start.position[closed], tilt, std, located, freedoms)
+    return LadleUncertainty(rows.start.position[closed], tilt, largest_std(lip, covariances), located, freedoms)

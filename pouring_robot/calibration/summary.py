@@ -53,8 +53,9 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
         )
     if calibration.inflation > 1.0:
         found.append(
-            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; standard "
-            "deviations are those of a noise as large"
+            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; intervals are "
+            "those of a noise as large, or of how far rows of other times move the fit where that is more; what the "
+            "effect does in a pose is not in them"
         )
     if calibration.noise.from_residuals:
         said = "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"

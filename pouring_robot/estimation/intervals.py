@@ -1,14 +1,18 @@
 """95 % intervals, of normal values, in figures and as text: those of a calibration and those of a diagnosis.
 
-Where standard deviations come from: of all unknowns of a calibration, ``inflated_covariance`` of a
-:class:`~pouring_robot.estimation.map_fit.Fit`; of the ladle, that carried to the lip
+Where standard deviations come from: of all unknowns of a calibration, ``covariances`` of a
+:class:`~pouring_robot.estimation.map_fit.Fit`; of the ladle, these carried to the lip
 (:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects, ``Diagnoser.parameters_of``
 (:mod:`pouring_robot.diagnosis.diagnoser`).
 """
 
 import math
+from collections.abc import Iterable
 
+import numpy as np
 from scipy.special import stdtrit
+
+from pouring_robot.mechanism.arrays import FloatArray
 
 Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
 
@@ -16,6 +20,16 @@ Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard 
 def deviations95(freedoms: float) -> float:
     """Return half the 95 % interval in standard deviations that so many degrees of freedom tell: Student's t."""
     return Z95 if math.isinf(freedoms) else float(stdtrit(freedoms, 0.975))
+
+
+def largest_std(directions: FloatArray, covariances: Iterable[FloatArray]) -> FloatArray:
+    """Return the standard deviation of combinations of unknowns, (..., k) to (...), by that covariance which says more.
+
+    As Angrist & Pischke, Mostly harmless econometrics (2009), ch. 8, advise of a robust one beside that of the model:
+    what few blocks tell is itself uncertain, and by chance too small.
+    """
+    variances = [((directions @ covariance) * directions).sum(axis=-1) for covariance in covariances]
+    return np.asarray(np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)))
 
 
 class Estimate:

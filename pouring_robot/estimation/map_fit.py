@@ -21,6 +21,8 @@ import numpy as np
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.sessions import in_one_frame
+from pouring_robot.estimation.intervals import deviations95
+from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, chance_of, scatter
@@ -28,7 +30,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
-from pouring_robot.mechanism.arrays import FloatArray, finite
+from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
@@ -91,6 +93,8 @@ class Fit:
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
     noise_freedoms: float = float("inf")  # how well the noise is known, see :attr:`NoiseLevel.freedoms`
+    noise_from_residuals: bool = False  # whether it is what the fit left over, see :attr:`NoiseLevel.from_residuals`
+    stretches: tuple[Indices, ...] = ()  # rows of the fit that were measured one after the other, by index
 
     @property
     def std(self) -> FloatArray:
@@ -139,13 +143,44 @@ class Fit:
 
     @property
     def inflated_covariance(self) -> FloatArray:
-        """Covariance of all unknowns under the inflated noise, (12 + P, 12 + P), in m and rad: what users are told.
+        """Covariance of all unknowns under the inflated noise, (12 + P, 12 + P), in m and rad.
 
         What data tell, C^-1 - P^-1, counts by the inflation less; the tolerances P hold as before.
         """
-        scale, more = np.outer(self.prior_std, self.prior_std), self.inflation**2 - 1.0
-        share = self.covariance / scale
-        return np.asarray(scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))
+        more, share = self.inflation**2 - 1.0, self._share
+        return np.asarray(self._scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))
+
+    @property
+    def scattered_covariance(self) -> FloatArray:
+        """The same by how the stretches of rows scatter the answer, C (M + P^-1) C: the gradient of the data as M.
+
+        Its part counts as often as Student's t of so few stretches is wider than what :attr:`interval_freedoms` say.
+        """
+        equations, root = self.equations, np.sqrt(self.weights)
+        rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
+        blocks = [np.isin(equations.rows, stretch) for stretch in self.stretches]
+        place = self.unknowns.values / self.prior_std
+        scattered = jackknife_covariance(((rows[block], left[block]) for block in blocks), place)
+        wider = deviations95(len(blocks) - 1.0) / deviations95(self.interval_freedoms)
+        return np.asarray(self._scale * (wider**2 * scattered + self._share @ self._share))
+
+    @functools.cached_property
+    def covariances(self) -> tuple[FloatArray, ...]:
+        """Those of which users are told what :func:`~.intervals.largest_std` takes from them.
+
+        Where more may be left than noise, stretches of rows are asked, too: what a model lacks hangs together in them.
+        """
+        unsure = self.noise_from_residuals or self.inflation > 1.0
+        asked = unsure and len(self.stretches) > 1
+        return (self.inflated_covariance, self.scattered_covariance) if asked else (self.inflated_covariance,)
+
+    @property
+    def _scale(self) -> FloatArray:
+        return np.outer(self.prior_std, self.prior_std)
+
+    @property
+    def _share(self) -> FloatArray:
+        return np.asarray(self.covariance / self._scale)
 
 
 def identify(

@@ -153,7 +153,7 @@ def test_outliers_are_left_out_and_nothing_else(as_built):
 
 
 def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
-    """To those of equations of so large a noise; what only tolerances hold is no less known than by these."""
+    """To those of equations of so large a noise at least; what only tolerances hold is no less known by these."""
     time = np.arange(len(real.campaign))
     drifting = damaged(real.campaign, position_m=lambda p: p + 1e-3 * np.sin(time / 3.0)[:, None])
     found = calibrate(drifting, None, CalibrationOptions(parameters=("drives", "axes"), choose=False))
@@ -162,8 +162,25 @@ def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
     told = np.sqrt(found.fit.weights)[:, None] * found.fit.equations.derivatives / found.inflation
     rows = np.vstack([told * found.fit.prior_std, np.eye(len(found.std))])
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
-    np.testing.assert_allclose(found.std, found.fit.prior_std * np.linalg.norm(inverse, axis=1), rtol=0.05)
-    assert (found.std <= found.fit.prior_std * (1.0 + 1e-9)).all()
+    as_noise = np.sqrt(np.diagonal(found.fit.inflated_covariance))
+    np.testing.assert_allclose(as_noise, found.fit.prior_std * np.linalg.norm(inverse, axis=1), rtol=0.05)
+    assert (as_noise <= found.fit.prior_std * (1.0 + 1e-9)).all()
+    assert (found.std >= as_noise).all() and (found.std > 1.2 * as_noise).any()
+
+
+def test_stretches_are_those_of_the_rows_that_are_fitted(clean):
+    """Five, one after the other in time, of all training rows and no others; where the noise is stated nobody asks."""
+    time = np.arange(len(clean.campaign))
+    drifting = damaged(clean.campaign, position_m=lambda p: p + 1e-3 * np.sin(time / 3.0)[:, None])
+    unstated = drifting.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    options = CalibrationOptions(parameters=("drives",), choose=False)
+    for campaign in (drifting, dataclasses.replace(drifting, metadata=unstated)):
+        found = calibrate(campaign, None, options)
+        rows = [found.split.train[stretch] for stretch in found.fit.stretches]
+        assert len(rows) == 5 and max(map(len, rows)) - min(map(len, rows)) <= 1
+        np.testing.assert_array_equal(np.concatenate(rows), found.split.train)
+        assert len(found.fit.covariances) == 2
+    assert len(calibrate(clean.campaign, None, options).fit.covariances) == 1
 
 
 def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):

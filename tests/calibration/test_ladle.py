@@ -21,7 +21,7 @@ def fitted(drawing):
 def uncertainty(drawing, virtual, covariance, unknowns, *, located=True, turned):
     rows = workspace_rows(virtual.model)
     lip = drawing.nominal_solver.mechanism.T_end_tool
-    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, located=located, turned=turned)
+    return rows, lip, ladle_uncertainty(rows, unknowns, [covariance], located=located, turned=turned)
 
 
 @pytest.mark.parametrize("located", [True, False])

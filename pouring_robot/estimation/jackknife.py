@@ -1,0 +1,34 @@
+r"""How far an answer scatters where what is left is no noise: found again without each block of rows in turn.
+
+What an effect that the model lacks leaves over hangs together from row to row, so that n rows tell less than n of a
+noise as large. The delete-a-group jackknife (Efron, *The jackknife, the bootstrap and other resampling plans*, 1982)
+asks the rows themselves, whole blocks of them: it is the cluster-robust covariance CV3 of econometrics, the sandwich of
+Huber and White with each block's leverage taken out, known to as many degrees of freedom as there are blocks, less one
+(Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. Human Resources 50, 2015; MacKinnon, Nielsen
+& Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.linalg
+
+from pouring_robot.mechanism.arrays import FloatArray
+
+
+def jackknife_covariance(
+    blocks: Iterable[tuple[FloatArray, FloatArray]], place: FloatArray, prior: FloatArray | float = 1.0
+) -> FloatArray:
+    """Return how far blocks of equations scatter an answer at ``place``, (k,): a covariance, (k, k), in its units.
+
+    Of each block what is left there, (m,), and before it its derivatives, (m, k); both are over the noise and weighted.
+    Without one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and
+    the inverse of ``prior``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before.
+    """
+    inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
+    held, moved = np.eye(place.size) * prior, []
+    for k in range(len(inner)):
+        told, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
+        moved.append(-scipy.linalg.solve(held + told, held @ place + pulled, assume_a="pos"))
+    apart = np.array(moved) - np.mean(moved, axis=0)
+    return np.asarray((len(moved) - 1) / len(moved) * apart.T @ apart)

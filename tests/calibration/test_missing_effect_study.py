@@ -1,0 +1,16 @@
+"""The study of intervals under a missing effect: few campaigns of an arm, along a path, whose zeros wander."""
+
+from scripts.studies import missing_effect
+from tests.support import ROOT
+
+
+def test_intervals_hold_what_other_campaigns_give(monkeypatch, capsys):
+    """Those of a noise as large as what is left do not; the full study is scripts/studies/missing_effect.py."""
+    monkeypatch.setattr(missing_effect, "_EFFECTS", {"time": missing_effect._by_time})
+    robot = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
+    assert missing_effect.main(["--robot", str(robot), "--campaigns", "12", "--rows", "80"]) == 0
+    drawn, path = (line.split() for line in capsys.readouterr().out.splitlines()[1:])
+    assert drawn[:2] == ["time", "drawn"] and path[:2] == ["time", "path"]
+    assert float(path[3]) < 70.0
+    assert float(path[5]) > 85.0
+    assert float(drawn[3]) < float(drawn[5])
