@@ -1,13 +1,17 @@
 """Mechanisms that idle inside, and joints of other kinds: mimic, universal, spherical."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.linalg
 
 from pouring_robot.batch import GeneralEngine
 from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.null_space import Spectrum
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.joint_limits import joint_reach, within_limits
 from pouring_robot.mechanism.local_parameters import drive_parameters
@@ -55,6 +59,14 @@ def test_a_rod_that_spins_about_an_axis_of_its_ball_itself_is_no_singular_pose(s
     transfer = closed_chain_transfer(solver, result, drive_parameters(mechanism))
     slope = central_differences_of(crank_end, stroke)
     np.testing.assert_allclose(transfer.matrix[[0, 2], 0], slope, rtol=0, atol=1e-6)
+
+
+def test_what_is_determined_is_found_also_where_many_freedoms_idle():
+    """A platform on six legs, each with a ball that turns in its seat: ``np.linalg.eigh`` ends without an answer."""
+    hessian = np.load(Path(__file__).with_name("idling_legs.npy"))
+    spectrum = Spectrum.of(hessian)
+    by_another_way = scipy.linalg.eigvalsh(hessian * spectrum.scale[:, None] * spectrum.scale, driver="evr")
+    np.testing.assert_allclose(spectrum.values, by_another_way, rtol=0, atol=1e-13)
 
 
 def test_which_frame_is_observed_must_be_said_somewhere():

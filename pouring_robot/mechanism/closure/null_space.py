@@ -46,7 +46,9 @@ class Spectrum:
     def of(cls, matrix: FloatArray) -> Self:
         """Decompose a symmetric matrix, shape (n, n)."""
         scale = unit_scale(matrix)
-        return cls(scale, *np.linalg.eigh(matrix * scale[:, None] * scale))
+        # By QR steps: NumPy's divide and conquer ends without an answer for some of many eigenvalues near zero.
+        found = eigenpy.SelfAdjointEigenSolver(matrix * scale[:, None] * scale)
+        return cls(scale, found.eigenvalues(), found.eigenvectors())
 
     @property
     def ratio(self) -> float:
