@@ -58,7 +58,7 @@ LOCATED = "give a location, as robot.locate(pose) and robot.location_at(drives) 
 
 
 class Robot:
-    """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
+    """The robot of the drawing and as built (default: the pouring robot's drawing); threads may share it.
 
     It stands cold and without effects that depend on conditions: where the model tells of them, a warning says so;
     ``robots_under`` applies them. ``loads``, weight and yielding drives, act on the actual robot, a payload at the

@@ -1,5 +1,8 @@
 """Nominal and actual robot side by side."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -36,6 +39,23 @@ def test_frames_of_the_ladle_are_rigid_on_the_platform(as_built):
         nominal, actual = location.poses(frame)
         carried = actual_platform * platform.actInv(nominal)
         assert pose_gap(carried, actual) == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_threads_that_share_a_robot_do_not_disturb_each_other(as_built):
+    switches = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        poses = random_poses(60, seed=73)
+
+        def found(pose):
+            location = as_built.locate(pose)
+            return *pose_gap(*location.poses("ladle_lip")), *as_built.transfer(pose, "dh").to_numpy().ravel()
+
+        alone = [found(pose) for pose in poses]
+        with ThreadPoolExecutor(8) as threads:
+            np.testing.assert_array_equal(list(threads.map(found, poses)), alone)
+    finally:
+        sys.setswitchinterval(switches)
 
 
 def test_shifting_all_upper_centres_shifts_the_ladle_rigidly():

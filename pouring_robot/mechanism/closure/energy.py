@@ -19,10 +19,12 @@ series. Motions are ordered (linear, angular), as in Pinocchio.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import eigenpy
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -145,8 +147,20 @@ def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.swapaxes(left, 1, 2) @ form @ right)
 
 
+class _Workspace(threading.local):
+    """What an evaluation writes into; each thread that asks has its own."""
+
+    factors: eigenpy.LLT | None = None  # of the Hessian of the last Newton step; Eigen's: nothing to load, no threads
+
+    def __init__(self, model: pin.Model, constraints: pin.StdVec_ConstraintModel) -> None:
+        self.data, self.constraints = model.createData(), pin.StdVec_ConstraintData()
+        for constraint in constraints:
+            self.constraints.append(constraint.createData())
+        self.anchors = [data.extract() for data in self.constraints]
+
+
 class ClosureEnergy:
-    """The closure energy of a mechanism under loads, evaluated with Pinocchio. Holds workspace: one object a thread."""
+    """The closure energy of a mechanism under loads, evaluated with Pinocchio; threads may share it."""
 
     def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
         self.mechanism, self.loads = mechanism, loads
@@ -156,15 +170,11 @@ class ClosureEnergy:
             frame = self.model.frames[mechanism.frame_id(self.payload_frame)]
             point_mass = pin.Inertia(loads.payload_kg, np.array(loads.payload_centre_m), np.zeros((3, 3)))
             self.model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
-        self.data = self.model.createData()
         self._constraints = pin.StdVec_ConstraintModel()
-        self._constraint_data = pin.StdVec_ConstraintData()
         for a, b in mechanism.anchors:
             frames = a.parentJoint, a.placement, b.parentJoint, b.placement
-            constraint = pin.ConstraintModel(pin.FrameAnchorConstraintModel(self.model, *frames))
-            self._constraints.append(constraint)
-            self._constraint_data.append(constraint.createData())
-        self._anchor_data = [data.extract() for data in self._constraint_data]
+            self._constraints.append(pin.ConstraintModel(pin.FrameAnchorConstraintModel(self.model, *frames)))
+        self.workspace = _Workspace(self.model, self._constraints)
         self._is_3d = [loop.type == "3d" for loop in mechanism.loops.loops]
         translation, rotation = mechanism.loops.stiffness_si
         rows = [[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d]
@@ -175,6 +185,11 @@ class ClosureEnergy:
             if joint not in mechanism.loops.drives:
                 raise BadInputError(f"drive_stiffness: '{joint}' is not a drive; drives: {mechanism.loops.drives}")
             self.springs[self.model.idx_vs[mechanism.joint_id(joint)]] = stiffness
+
+    @property
+    def data(self) -> pin.Data:
+        """Pinocchio's data of the configuration that this thread evaluated last."""
+        return self.workspace.data
 
     @property
     def payload_frame(self) -> str:
@@ -197,15 +212,16 @@ class ClosureEnergy:
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
         """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""
-        model, data = self.model, self.data
+        model, workspace = self.model, self.workspace
+        data = workspace.data
         pin.computeJointJacobians(model, data, configuration)
-        for constraint, workspace in zip(self._constraints, self._constraint_data, strict=True):
-            constraint.calc(model, data, workspace)
-        anchors = pin.getConstraintsJacobian(model, data, self._constraints, self._constraint_data)
-        count = len(self._anchor_data)
+        for constraint, room in zip(self._constraints, workspace.constraints, strict=True):
+            constraint.calc(model, data, room)
+        anchors = pin.getConstraintsJacobian(model, data, self._constraints, workspace.constraints)
+        count = len(workspace.anchors)
         residual = np.zeros((count, 6))
         inverse_actions, jlog = np.empty((count, 6, 6)), np.empty((count, 6, 6))
-        for i, anchor in enumerate(self._anchor_data):
+        for i, anchor in enumerate(workspace.anchors):
             pose = anchor.c1Mc2
             inverse_actions[i] = pose.toActionMatrixInverse()
             if self._is_3d[i]:
@@ -254,9 +270,9 @@ class ClosureEnergy:
         mask_a, mask_b = self._support
         joints = TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
         columns = columns or joints
-        if not self._anchor_data:
+        if not self.mechanism.anchors:
             return np.zeros((self.model.nv, columns.depth.size))
-        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
+        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self.workspace.anchors])
         relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
         form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
         motion = joints.on_b - joints.on_a
@@ -272,7 +288,7 @@ class ClosureEnergy:
 
     def residual_change(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
         """Return how the loops' residual changes when twists displace the tree, (loops * 6, n); valid as the above."""
-        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
+        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self.workspace.anchors])
         return np.asarray((state.jlog @ body @ (columns.on_b - columns.on_a)).reshape(6 * len(body), -1))
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:

@@ -192,7 +192,7 @@ class ClosureResult(ReadOnly, Result):
 
 
 class ClosureSolver:
-    """Closes a mechanism for drive values, under loads if given. Holds workspace: one solver a thread."""
+    """Closes a mechanism for drive values, under loads if given; threads may share it."""
 
     def __init__(
         self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
@@ -202,7 +202,6 @@ class ClosureSolver:
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
-        self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Pickle as what it was made of: Pinocchio's constraints cannot be pickled."""
@@ -324,18 +323,18 @@ class ClosureSolver:
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
-        basis = energy.basis
+        basis, workspace = energy.basis, energy.workspace
         downhill = -(basis.T @ state.gradient)
-        if kept and self._factors is not None:
-            return np.asarray(basis @ self._factors.solve(downhill))
+        if kept and workspace.factors is not None:
+            return np.asarray(basis @ workspace.factors.solve(downhill))
         for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
             hessian = basis.T @ full(state) @ basis
             if damping:
                 hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
-            self._factors = eigenpy.LLT(hessian)
-            if is_regular(self._factors, hessian):  # positive definite: the step goes downhill
-                return np.asarray(basis @ self._factors.solve(downhill))
-            self._factors, spectrum = None, Spectrum.of(hessian)
+            workspace.factors = eigenpy.LLT(hessian)
+            if is_regular(workspace.factors, hessian):  # positive definite: the step goes downhill
+                return np.asarray(basis @ workspace.factors.solve(downhill))
+            workspace.factors, spectrum = None, Spectrum.of(hessian)
             if spectrum.is_semidefinite:  # what idles stays where it is
                 break
         return np.asarray(basis @ spectrum.solve(downhill))

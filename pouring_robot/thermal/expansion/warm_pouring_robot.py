@@ -148,7 +148,7 @@ class PoseShares:
 
 
 class HeatedRobot:
-    """A robot as built, warmed by its melt. Holds solver workspace: one object a thread.
+    """A robot as built, warmed by its melt. Its network holds a cache: one object a thread.
 
     ``heat``: how warm it is; None: not at all. ``network``: by default made when it is needed, from the robot and the
     properties of ``heat``; where these do not fit the layout, or it is another robot than the pouring robot,
