@@ -15,7 +15,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import pinocchio as pin
@@ -51,7 +51,8 @@ from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray, real
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring_robot import robot_of
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import NUMBERS, Command, Robot
 
 Given = Mapping[str, ArrayLike | str | Sequence[str]]
@@ -284,7 +285,17 @@ class RobotUnderConditions:
                 yield f"{entry.effect} moves no robot: it is of the measuring device"
 
 
-def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:
+@overload
+def robots_under(
+    model: Robot | RobotModel | Path | str, commands: Sequence[PlatformPose], given: Given
+) -> list[PouringRobot]: ...
+
+
+@overload
+def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]: ...
+
+
+def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Any]:
     """Return a robot as it stands at each command under conditions; a robot as any other each.
 
     Commands are poses of the pouring robot, or drive values in m and rad, in the order in which they are reached;
@@ -300,10 +311,25 @@ def _drives(robot: Robot, commands: Iterable[Command]) -> FloatArray:
     return robot.commands_of([robot.drives_of(command) for command in commands])
 
 
+@overload
+def compensate_under(
+    under: RobotUnderConditions,
+    wanted: Sequence[PlatformPose],
+    bring: Callable[[int, PouringRobot], Found],
+    show: Progress = ...,
+) -> list[Found]: ...
+
+
+@overload
+def compensate_under(
+    under: RobotUnderConditions, wanted: Sequence[Command], bring: Callable[[int, Robot], Found], show: Progress = ...
+) -> list[Found]: ...
+
+
 def compensate_under(
     under: RobotUnderConditions,
     wanted: Sequence[Command],
-    bring: Callable[[int, Robot], Found],
+    bring: Callable[[int, Any], Found],
     show: Progress = say_nothing,
 ) -> list[Found]:
     """Return what brings a robot to wanted poses, where what its effects do depends on what is commanded.
