@@ -37,6 +37,13 @@ Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
 Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
 _UNITS = {unit.lower() for units in UNITS.values() for unit in units}
+_IN_YAML = {  # pydantic names the types as Python does
+    "tuple_type": "Input should be a list",
+    "list_type": "Input should be a list",
+    "dict_type": "Input should be a mapping of keys to values",
+    "model_type": "Input should be a mapping of keys to values",
+    "string_type": "Input should be text; put it in quotes",
+}
 _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_type", "int": "int_type"}
 
 
@@ -209,7 +216,10 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     else:
         unit = f", in {told}" if (told := _unit_of(model, content, location)) else ""
         given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
-        said = first["msg"].removeprefix("Value error, ")
+        said = _IN_YAML.get(first["type"]) or first["msg"].removeprefix("Value error, ")
+        if first["type"] == "model_type":
+            keys = [key for key, field in _known_fields(model, location).items() if field.is_required()]
+            said += f", with {' and '.join(keys)}" if keys else ""
         message = f"'{where}': {said}{unit}{given}" if where else said
     return message + (f" (and {len(others)} more)" if others else ""), line
 

@@ -80,7 +80,10 @@ def test_reads_what_is_right(written):
         ("party: 1\nformat: ship/1\n", 2, r"'machine/1' \(it is 'ship/1'\) \(and 1 more\)"),
         ("drive:\n- {mass_kg: 1}\n- {mass_kg: -1}\n", 3, "'drive.1.mass_kg': .* greater than 0"),
         ("drive:\n- {name: x}\n", 2, "key 'drive.0.mass_kg' is missing"),
-        ("drive: 5\n", 1, "'drive': .* tuple"),
+        ("drive: 5\n", 1, r"'drive': .* a list \(it is 5\)"),
+        ("parts:\n- motor\n", 2, r"'parts.0': .* a mapping of keys to values, with mass_kg \(it is 'motor'\)"),
+        ("named: [a]\n", 1, "'named': .* a mapping of keys to values$"),
+        ("base: {mass_kg: 1, name: 7}\n", 1, r"'base.name': .* text; put it in quotes \(it is 7\)"),
         ("parts:\n- {name: x}\n", 2, "key 'parts.0.mass_kg' is missing"),
     ],
 )
