@@ -25,6 +25,7 @@ _OWN = ("layouts.yaml", "model.yaml", "robot.html")
 def init(
     urdf: Annotated[Path, argument("URDF", "The robot's URDF, or a xacro.")],
     out: Annotated[Path | None, writes("Where to write it (default: robot.yaml beside the URDF).")] = None,
+    mapping: Annotated[list[str] | None, opt("An argument of the xacro; repeat.", metavar="NAME=VALUE")] = None,
 ) -> None:
     """Write a first robot file for a URDF, with comments on what to fill in.
 
@@ -34,7 +35,8 @@ def init(
 
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     options.refuse_present([path])
-    text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
+    mappings = options.by_name("--mapping", mapping, "dof=6")
+    text, found = first_robot(urdf, path, mappings)  # whatever does not load is refused before a file is written
     options.written(path, lambda: text)
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"

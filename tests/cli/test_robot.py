@@ -46,6 +46,25 @@ def test_nothing_is_overwritten_unless_asked(run, urdf):
     assert run("robot", "init", urdf, "--overwrite")[0] == 0
 
 
+def test_what_a_xacro_asks_for_is_given_and_stays_in_the_file(run, tmp_path):
+    asks = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm$(arg size)">'
+    path = tmp_path / "arm.xacro"
+    path.write_text(ARM.replace('<robot name="two_joints">', asks), encoding="utf-8")
+    code, out, err = run("robot", "init", path)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1 and "mappings: {size: …}" in err and "--mapping size=…" in err
+    assert run("robot", "init", path, "--mapping", "size=6", "--mapping", "on=true")[0] == 0
+    definition = RobotDefinition.load(tmp_path / "robot.yaml")
+    assert (definition.name, definition.file.mappings) == ("arm6", {"size": "6", "on": "true"})
+
+
+@pytest.mark.parametrize(("given", "says"), [("size", "write NAME=VALUE"), ("size=6", "leave out the mappings")])
+def test_mappings_that_are_none_or_of_no_xacro_are_refused(run, urdf, given, says):
+    code, _, err = run("robot", "init", urdf, "--mapping", given)
+    assert code == 2 and err.count("\n") == 1 and says in err
+    assert not (urdf.parent / "robot.yaml").exists()
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [

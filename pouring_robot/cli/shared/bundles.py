@@ -144,14 +144,7 @@ class Under:
             return None
         from pouring_robot.effects.under import RobotUnderConditions, conditions_beside
 
-        given: dict[str, Any] = {}
-        for text in self.condition or ():
-            name, equals, value = (part.strip() for part in text.partition("="))
-            if not equals or not value:
-                raise BadInputError(f"--condition '{text}': write NAME=VALUE, such as time_s=3600")
-            if name in given:
-                raise BadInputError(f"--condition '{text}': '{name}' is given twice")
-            given[name] = value
+        given: dict[str, Any] = {**options.by_name("--condition", self.condition, "time_s=3600")}
         told = conditions_beside(beside, robot.model.definition) if isinstance(beside, Path) else dict(beside or {})
         if twice := given.keys() & told.keys():
             raise BadInputError(f"'{min(twice)}' is given by --condition and by a column; keep one")

@@ -198,6 +198,19 @@ def refuse_conditional(robot: Robot, option: str) -> None:
         )
 
 
+def by_name(option: str, texts: Iterable[str] | None, such_as: str) -> dict[str, str]:
+    """Return what is said by an option that is repeated, NAME=VALUE each; BadInputError where one is not so."""
+    said = dict[str, str]()
+    for text in texts or ():
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not name or not equals or not value:
+            raise BadInputError(f"{option} '{text}': write NAME=VALUE, such as {such_as}")
+        if name in said:
+            raise BadInputError(f"{option} '{text}': '{name}' is given twice")
+        said[name] = value
+    return said
+
+
 def note(*lines: str) -> None:
     """Print notes on standard error, unless nothing but errors and JSON is to be printed."""
     if not QUIET.get():

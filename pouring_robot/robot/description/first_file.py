@@ -5,8 +5,9 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
 
+NO_MAPPINGS: Mapping[str, str] = MappingProxyType({})
 _TOGETHER = 1e-6  # m and rad
 _DEGREES_RAD = 30.0
 """Limits beyond this, five turns, are asked about: no arm's joint has them in rad, every one in degrees."""
@@ -92,24 +94,26 @@ def _link(joint: etree._Element, end: str) -> str:
     return "" if found is None else str(found.get("link"))
 
 
-def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
+def first_robot(urdf: Path, path: Path, mappings: Mapping[str, str] = NO_MAPPINGS) -> tuple[str, RobotDefinition]:
     """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
 
     Raises DescriptionError as :func:`first_robot_file`, or where the robot cannot be loaded, such as for its meshes.
     """
-    text = first_robot_file(urdf, path.parent)
+    text = first_robot_file(urdf, path.parent, mappings)
     return text, RobotDefinition(validate(RobotFile, parse_yaml(text, path), path), path)
 
 
-def first_robot_file(urdf: Path, beside: Path) -> str:
+def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_MAPPINGS) -> str:
     """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
 
     Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
     which branches end together in the zero pose are proposed in a comment. Raises DescriptionError: the URDF cannot be
-    read, Pinocchio cannot build it, or nothing moves in it.
+    read, Pinocchio cannot build it, nothing moves in it, or ``mappings``, arguments of a xacro, are given of none.
     """
     rendered = urdf.suffix == ".xacro"
-    text = run_xacro(urdf, {}) if rendered else read_urdf(urdf)
+    if mappings and not rendered:
+        raise DescriptionError(urdf, "is no xacro, by its name, and only these have arguments; leave out the mappings")
+    text = run_xacro(urdf, mappings) if rendered else read_urdf(urdf)
     tree = _Tree(urdf, text)
     ends = tree.ends()
     if not ends:
@@ -140,6 +144,7 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         name=name,
         drawing="xacro" if rendered else "urdf",
         urdf=os.path.relpath(urdf, beside),
+        mappings=mappings,
         base=base,
         end=end,
         others=others,

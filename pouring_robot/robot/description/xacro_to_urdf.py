@@ -39,6 +39,11 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
             if cause is not None:  # ours, which xacro may have wrapped
                 raise cause from None
             problem = f"xacro: {error or type(error).__name__}"
+            if asked := re.search(r"Undefined substitution argument (\w+)", problem):
+                name = asked[1]
+                problem += (
+                    f"; give it in the robot file, as mappings: {{{name}: …}}, or to robot init as --mapping {name}=…"
+                )
             raise DescriptionError(_file_at_fault(path, str(error)), problem) from error
         # The banner names the path of this machine; the same description must give the same text anywhere.
         for node in list(document.childNodes):
