@@ -87,6 +87,11 @@ def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Indices) 
         place.axhline(noise, color=DARK_GREY, linestyle=":", linewidth=1.2)
         place.annotate("noise", (1.0, noise), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     if np.isfinite(distance).any():
+        from matplotlib.ticker import LogLocator
+
         place.set_yscale("log")
+        decades = np.log10(np.nanmax(distance) / np.nanmin(distance))
         place.yaxis.set_major_formatter("{x:g}")
-        place.yaxis.set_minor_formatter("{x:g}" if np.nanmax(distance) < 10.0 * np.nanmin(distance) else "")
+        place.yaxis.set_minor_formatter("{x:g}" if decades < 3.0 else "")
+        if decades >= 1.0:
+            place.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
