@@ -1,5 +1,6 @@
 """Texts are read, and files written whole or not at all."""
 
+import errno
 import os
 import secrets
 import shutil
@@ -132,7 +133,9 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(path, f"{error.strerror or error}; choose a place you may write to") from error
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        mend = "make room there, or choose another place" if full else "choose a place you may write to"
+        raise OutputError(path, f"{error.strerror or error}; {mend}") from error
 
 
 @contextmanager
