@@ -15,6 +15,7 @@ from lxml.builder import E
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.pinocchio_model import model_of
+from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed_robot import ClosedRobot, configured
@@ -59,7 +60,8 @@ def exported_files(
     if form != "urdf":
         for missing in (name for name, _ in assembly.meshes if folder / "meshes" / name not in files):
             problem = f"the mesh {missing} lies in a package that is not here"
-            raise DescriptionError("URDF", f"{problem}; give its file in the URDF, or export urdf")
+            mend = f"give its file in the URDF, name the package's folder in {FOLDERS_VARIABLE}, or export urdf"
+            raise DescriptionError("URDF", f"{problem}; {mend}")
     match form:
         case "mjcf":
             files[folder / f"{name}.xml"] = mjcf(closed, assembly, pairs)
