@@ -194,9 +194,11 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     if misfit and misfit["rotation_mrad"] is None and len(turns) == 3:
         yield "positions alone do not tell how the target is turned on the tool, and need not"
         untold = [direction for direction in untold if direction not in turns]
-    for direction in untold:
-        text = " ".join(f"{share:+.3g} {name}" for name, share in direction.items())
-        yield f"the poses do not tell of the frames: {text.removeprefix('+')}"
+    if untold:
+        texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold)
+        open_ = "; ".join(text.removeprefix("+") for text in texts)
+        frames = "where the robot (base) stands from the device, and the target on the robot (tool)"
+        yield f"of {frames}, the poses do not tell, and need not: {open_}"
 
 
 def _seen(what: str) -> Any:

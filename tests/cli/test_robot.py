@@ -304,6 +304,13 @@ def test_of_positions_alone_it_is_not_told_three_times_how_the_target_is_turned(
     assert told == "positions alone do not tell how the target is turned on the tool, and need not"
 
 
+def test_what_is_not_told_of_the_frames_is_said_in_one_sentence(run):
+    delta = ROBOTS / "delta" / "robot.yaml"
+    assert run("campaign", "simulate", "--random", "20", "--seed", "1", "--robot", delta, "--out", "poses.csv")[0] == 0
+    said = " ".join(run("campaign", "check", "poses.csv", "--robot", delta)[1].split())
+    assert "the poses do not tell, and need not: 1 tool.tx -1 base.tx; 1 tool.ty -1 base.ty; 1 tool.tz" in said
+
+
 def test_any_robot_is_posed_and_compensated(run, tmp_path):
     """A delta whose first arm is off by 1 mrad: sent to a place, drawn, and corrected there."""
     robot = ROBOTS / "delta" / "robot.yaml"
