@@ -40,5 +40,5 @@ class Result(ABC):
         """Return the headline and the first rows of the table, for notebooks."""
         frame = self.to_frame()
         more = f"<p>{len(frame) - _SHOWN_ROWS} more rows</p>" if len(frame) > _SHOWN_ROWS else ""
-        table = frame.head(_SHOWN_ROWS).to_html(index=False, border=0, float_format=lambda value: f"{value:.6g}")
-        return f"<p><strong>{escape(self.headline)}</strong></p>{table}{more}"
+        some = frame.head(_SHOWN_ROWS).to_html(index=False, border=0, float_format=lambda value: f"{value:.6g}")
+        return f"<p><strong>{escape(self.headline)}</strong></p>{some if len(frame) else ''}{more}"

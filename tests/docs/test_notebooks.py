@@ -30,4 +30,6 @@ def test_a_notebook_runs_and_its_results_show_themselves(path, tmp_path, monkeyp
             value = eval(compile(ast.Expression(last.value), path.name, "eval"), names)
             shown.append(value._repr_html_() if hasattr(value, "_repr_html_") else repr(value))
     assert len(shown) >= 3 and any("<table" in text for text in shown)
+    assert all("<td" in text for text in shown if "<table" in text)
+    assert not any("Dask graph" in text for text in shown)  # of an array that is still to be computed
     assert list(tmp_path.rglob("report.html"))
