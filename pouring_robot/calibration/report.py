@@ -26,6 +26,7 @@ from pouring_robot.calibration.summary import (
     warnings_of,
     warnings_of_the_model,
 )
+from pouring_robot.checks.flags import where
 from pouring_robot.exceptions import DescriptionError, OutputError, counted
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.units import MM
@@ -156,10 +157,11 @@ def group_lines(calibration: CalibrationFindings) -> list[str]:
 
 def split_line(calibration: CalibrationFindings) -> str:
     """Return which rows served for what."""
-    split = calibration.split
+    split, left_out = calibration.split, calibration.left_out
+    lines = f" ({where(calibration.campaign, left_out)})" if left_out.size else ""
     return (
         f"held out: {split.test_name} ({split.test.size} rows), for the final figures and a last yes or no; fitted: "
-        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {counted(calibration.left_out.size, 'row')}"
+        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {counted(left_out.size, 'row')}{lines}"
     )
 
 

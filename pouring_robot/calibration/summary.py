@@ -16,7 +16,7 @@ from pouring_robot.calibration.findings import (
     parameter_lines,
 )
 from pouring_robot.calibration.metrics import Misfit
-from pouring_robot.checks.flags import FlagCode
+from pouring_robot.checks.flags import ROW_CODES, FlagCode, Severity
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.intervals import deviations95
@@ -34,7 +34,9 @@ _BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    found = [flag.message for flag in calibration.flags if flag.code is FlagCode.ANOTHER_ROBOT]
+    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # below, and by the rows that are left out
+    weighty = (flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told)
+    found = [flag.message for flag in weighty]
     if calibration.refused:
         moved = _moved(calibration, calibration.refused.before, calibration.refused.after)
         found.append(

@@ -66,8 +66,8 @@ def test_the_floor_is_the_noise_of_what_was_measured_in_the_rows(found):
     ]
 
 
-def test_one_row_is_no_rows(found):
-    for left_out, said in (([], "0 rows"), ([3], "1 row"), ([3, 4], "2 rows")):
+def test_rows_that_are_left_out_are_counted_and_named(found):
+    for left_out, said in (([], "0 rows"), ([3], "1 row (line 5)"), ([3, 4], "2 rows (lines 5, 6)")):
         line = split_line(dataclasses.replace(found, left_out=np.array(left_out, dtype=np.intp)))
         assert line.endswith(f"left out: {said}")
 

@@ -41,8 +41,10 @@ def test_warnings(found):
     worse = replace(found, before=found.after, after=found.before)
     assert any("do not use this model" in line for line in warnings_of(worse))
     assert not any("do not use" in line for line in warnings_of(found))
-    other = DataFlag(FlagCode.ANOTHER_ROBOT, FlagCode.ANOTHER_ROBOT.severity, "names another", "mend")
-    assert "names another" in warnings_of(replace(found, flags=(other,)))
+    codes = FlagCode.ANOTHER_ROBOT, FlagCode.MEASUREMENT_JUMP, FlagCode.OUTLIER, FlagCode.NO_TEMPERATURES
+    flags = tuple(DataFlag(code, code.severity, f"found: {code}", "mend") for code in codes)
+    told = [line for line in warnings_of(replace(found, flags=flags)) if line.startswith("found: ")]
+    assert told == ["found: another_robot", "found: measurement_jump"]  # rows that are left out are named there
     fit = found.fit
     larger = replace(fit.equations, residual=3.0 / fit.scatter() * fit.equations.residual)
     large = replace(found, fit=replace(fit, equations=larger))
