@@ -293,6 +293,19 @@ def test_an_unknown_may_be_what_could_not_be_tested(excluded):
     assert not any("could not be tested" in one for one in next_lines(replace(excluded, untestable={})))
 
 
+def test_what_goes_by_the_pose_may_be_weight_where_no_masses_are_known(diagnosed, hot):
+    """A joint's first order in its own angle is also what the weight of the link behind it does to a soft drive."""
+    untestable = {"joint_compliance": ("joint_moments",), "truss_deflection": ("truss_span_m",)}
+    line = (
+        "first what could not be tested, and may be a part of what is named, as weight, too, goes by the pose: "
+        "joint_compliance"
+    )
+    zeros = diagnosed(ZEROS)
+    assert line in next_lines(replace(zeros, untestable=untestable))
+    for other in (zeros, replace(hot, untestable=untestable)):  # the masses are known; heat goes by thermometers
+        assert not any("could not be tested" in one for one in next_lines(other))
+
+
 def test_sources_of_an_unknown_need_keep_its_name():
     robot = RobotModel().definition
     assert sources(("humidity",), robot) == ("humidity",)

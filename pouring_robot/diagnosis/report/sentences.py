@@ -304,6 +304,9 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
         if diagnosis.untestable:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
+    elif unweighed := _unweighed(diagnosis):
+        part = f"a part of what is named, as weight, too, goes by the pose: {', '.join(unweighed)}"
+        lines.append(f"first what could not be tested, and may be {part}")
     if verdict == "no_gap":
         least = diagnosis.diagnoser.thresholds.least_evidence
         worths = {f"{n} ({worth:+.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
@@ -329,6 +332,16 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.held_out is None:
         lines.append("measure more poses, so that some can be held out as a check")
     return lines
+
+
+def _unweighed(diagnosis: Conclusions) -> list[str]:
+    """Return what no masses tell of weight, where a cause that goes by drives and poses alone may stand in for it."""
+    effects = diagnosis.diagnoser.library.effects
+    named = (effects[found.cause.effect] for found in diagnosis.effects)
+    if not any(effect.moves_robot and not effect.needs and not effect.passes for effect in named):
+        return []
+    untestable, robot = diagnosis.untestable.items(), diagnosis.campaign.robot
+    return [effect for effect, missing in untestable if INERTIAS in sources(missing, robot)]
 
 
 def _where_to_look(diagnosis: Conclusions) -> str:
