@@ -130,6 +130,11 @@ class FlagCode(enum.StrEnum):
         "reverse the sign of the column; if the controller counts so, give the drive a negative ratio in its file",
     )
     DRIVE_ZERO = "drive_zero", _ERROR, "if the controller counts so, give the drive its zero in the robot file"
+    DRIVE_ABSOLUTE = (
+        "drive_absolute",
+        _ERROR,
+        "convert the column; joints of the drawing turn against the link before them",
+    )
     DRIVES_EXCHANGED = "drives_exchanged", _ERROR, "put the headings over the right columns"
     NO_AGREEMENT = (
         "no_agreement",
@@ -171,6 +176,7 @@ _UNDONE = {
     FlagCode.DRIVE_UNIT: "the unit of {} corrected",
     FlagCode.DRIVE_REVERSED: "the sign of {} turned",
     FlagCode.DRIVE_ZERO: "{} counted from the other zero",
+    FlagCode.DRIVE_ABSOLUTE: "{} counted from the link before",
     FlagCode.DRIVES_EXCHANGED: "{} exchanged back",
     FlagCode.POSITION_UNIT: "the unit of {} corrected",
     FlagCode.FRAMES_SWAPPED: "the measured poses inverted",

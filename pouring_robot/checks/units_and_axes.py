@@ -19,6 +19,7 @@ from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, affine_map
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.description.drive import Drive
 
 LENGTH_MISTAKES = (
     (1e-3, "millimetres under a heading in metres"),
@@ -38,6 +39,7 @@ _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target a
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
 _GLANCE = 20  # rows, of which fewer than half have a pose once in 2,000 times where that share of all has (binomial)
 _QUARTER_TURNS = (90, -90, 180, -180)  # between the usual zeros of a turning joint, in degrees; limits tell half turns
+_PARALLEL = 1.0 - 1e-6  # cosine of the angle between axes that are drawn parallel, to what a drawing rounds off
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
 
 
@@ -243,7 +245,7 @@ def _mirrored(data: Comparison) -> Comparison:
 
 
 def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield wrong units of single drives, and of all of a kind; reversed and shifted counts; exchanged columns."""
+    """Yield wrong units of single drives, and of all of a kind; counts of another sign or start; exchanged columns."""
     drives = campaign.robot.drives
     headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
     places, same = np.arange(len(drives)), np.eye(len(drives))
@@ -283,6 +285,18 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
             f"{math.degrees(zero):.6g}° (zero: {zero:.6g})"
         )
         yield mistake(FlagCode.DRIVE_ZERO, message, same, math.radians(turn) * (places == k))
+    # Rods, or the controller, as Fanuc's of its third joint, keep the way a forearm points whatever the upper arm does.
+    for before, k, along in _parallel(drives, drawing):
+        change = same.copy()
+        change[before, k] = -along
+        each = along * drives[before].factor / drives[k].factor  # a command of the one before counts so much
+        named = f"'{drives[before].column}'" + ("" if abs(each) == 1.0 else f" times {abs(each):g}")
+        message = (
+            f"column {headings[k]} seems to count from a fixed direction, whatever '{drives[before].column}' does: the "
+            f"joint itself turns by '{drives[k].column}' {'less' if each > 0.0 else 'plus'} {named}"
+        )
+        shift = along * drives[before].zero * (places == k)
+        yield mistake(FlagCode.DRIVE_ABSOLUTE, message, change, shift)
     for members in _by(campaign, "unit").values():  # that move joints of a kind
         for order in _orders(members):
             moved = [(k, by) for k, by in zip(members, order, strict=True) if k != by]
@@ -290,6 +304,18 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
             change = same.copy()
             change[members] = change[list(order)]
             yield mistake(FlagCode.DRIVES_EXCHANGED, f"columns of drives seem to be exchanged: {wrong}", change)
+
+
+def _parallel(drives: Sequence[Drive], drawing: Drawing) -> Iterator[tuple[int, int, float]]:
+    """Yield each turning drive that carries another about a parallel axis, that one, and +1; -1 if it points back."""
+    model = drawing.mechanism.shared_model
+    turning = {model.getJointId(drive.joint): k for k, drive in enumerate(drives) if drive.unit == "rad"}
+    axes = dict(zip(turning, drawing.mechanism.joint_axes([*turning])[:, 3:], strict=True))
+    for joint, k in turning.items():
+        if (carrier := model.parents[joint]) in turning:
+            along = float(axes[carrier] @ model.jointPlacements[joint].rotation @ axes[joint])
+            if abs(along) > _PARALLEL:
+                yield turning[carrier], k, round(along)
 
 
 def reversed_words(campaign: Campaign, name: str) -> str:

@@ -273,6 +273,18 @@ def test_turning_drives_that_count_from_another_zero(machine, turn):
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
+@pytest.mark.parametrize("full", [True, False])
+def test_an_elbow_that_counts_from_a_fixed_direction_is_told(machine, full):
+    """As the third joint of Fanuc's arms, or one that rods hold: how the forearm stands, not how far it is bent."""
+    counted = damaged(machine.campaign, drives=machine.campaign.drives + machine.campaign.drives[:, 1:2] * np.eye(6)[2])
+    counted = counted if full else damaged(counted, rotation_vector_rad=None)
+    flag, *beside = check_campaign(counted, machine.drawing)
+    assert (flag.code, flag.columns) == ("drive_absolute", ("q3_rad",))
+    assert flag.message.endswith("the joint itself turns by 'q3' less 'q2'")
+    assert not beside  # what no joint could take is none of that once the joint is known
+
+
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
 def test_an_encoder_that_wraps_is_told(machine):
     """A joint that is counted from 0° to 360° stands a turn beyond its limits in half of the rows."""
     wound = (
