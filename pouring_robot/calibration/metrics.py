@@ -13,7 +13,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
-from pouring_robot.mechanism.rotations import moved_point, tilts
+from pouring_robot.mechanism.rotations import moved_point, tilts_alone
 
 _FEWEST_REPEATS = 3
 
@@ -178,6 +178,5 @@ def ladle_uncertainty(
     if not located:
         lip[:, :, :FRAMES] = 0.0
         lip = axes.T @ lip
-    turn = rows.start.rotation[closed]
-    tilt = tilts(turn) if np.allclose(turn[:, 1, 1], 1.0) else None
+    tilt = tilts_alone(rows.start.rotation[closed])
     return LadleUncertainty(rows.start.position[closed], tilt, largest_std(lip, covariances), located, freedoms)

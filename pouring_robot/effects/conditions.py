@@ -18,14 +18,14 @@ from pouring_robot.effects.gaps import filled_in, with_gaps
 from pouring_robot.effects.nominal_rows import NominalRows, loads_on
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors, tilts
+from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors, tilts_alone
 from pouring_robot.robot.description.cause_types import Causes
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
-TURNED, _STILL = 1e-9, 1e-6
+_STILL = 1e-6
 _TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)  # angles that are no further apart are in one arc
 
 
@@ -121,9 +121,7 @@ class Conditions:
     @property
     def tilt_rad(self) -> FloatArray | None:
         """Nominal turn of the end body about the base's y, (n,); None where it turns otherwise, too."""
-        if np.abs(self.rotation[:, 1, 1] - 1.0).max() > TURNED:
-            return None
-        return tilts(self.rotation)
+        return tilts_alone(self.rotation)
 
     @property
     def turn_rad(self) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 
+_TURNED = 1e-9  # by as much round-off lets the cosine of a turn about other axes differ from one
 # Below this angle (rad) the series is exact to round-off where the closed form would divide zero by zero.
 _SMALL = 1e-4
 
@@ -25,6 +26,11 @@ def skew(vectors: FloatArray) -> FloatArray:
 def tilts(rotations: FloatArray) -> FloatArray:
     """Return by how much rotations (..., 3, 3) tilt about y, (...), in rad: where their third axis points."""
     return np.asarray(np.arctan2(rotations[..., 0, 2], rotations[..., 2, 2]))
+
+
+def tilts_alone(rotations: FloatArray) -> FloatArray | None:
+    """Return :func:`tilts` of rotations (n, 3, 3) where they turn about y alone, (n,); None where they do not."""
+    return tilts(rotations) if np.abs(rotations[..., 1, 1] - 1.0).max(initial=0.0) <= _TURNED else None
 
 
 def tilt_rates(rotations: FloatArray, turns: FloatArray) -> FloatArray:

@@ -20,7 +20,6 @@ from pouring_robot.diagnosis.discrepancy_processes import processes_of
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.effects.conditions import TURNED
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
@@ -30,7 +29,7 @@ from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
-from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.mechanism.rotations import rotation_vectors, tilts_alone
 from pouring_robot.robot.description.cause_types import Thermometers
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -49,7 +48,7 @@ def in_mm_deg(pose: pin.SE3) -> dict[str, float]:
     """Return a pose's place in mm and turn in degrees by name: the tilt where it is about y alone, or a vector."""
     turn = np.degrees(pin.log3(pose.rotation)).tolist()
     turns = dict(zip(("rx_deg", "ry_deg", "rz_deg"), turn, strict=True))
-    if abs(pose.rotation[1, 1] - 1.0) <= TURNED:
+    if tilts_alone(pose.rotation) is not None:
         turns = {"tilt_deg": turn[1]}
     return dict(zip(("x_mm", "y_mm", "z_mm"), (pose.translation / MM).tolist(), strict=True)) | turns
 
