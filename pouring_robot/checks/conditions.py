@@ -16,6 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
 from pouring_robot.checks.units_and_axes import LENGTH_MISTAKES
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -103,7 +104,7 @@ def _forces(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     for name, drive in zip(columns.force_names(campaign.robot), campaign.robot.drives, strict=True):
         values, effort = campaign.quantity(name), float(model.effortLimit[_place(model, drive.joint)])
         if values is not None and effort > 0.0 and (wrong := np.abs(values) > _FAR * effort).any():
-            unit = "N" if drive.unit == "m" else "Nm"
+            unit = next(iter(UNITS[drive.load]))
             yield _impossible(campaign, name, wrong, unit, f"the drive's effort ends at {effort:g} {unit}")
 
 

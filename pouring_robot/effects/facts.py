@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.effects.conditions import FORCE, LOAD, RISE, SIDES, Conditions
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.io.units import MM
+from pouring_robot.io.units import MM, UNITS
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.cause_types import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -60,8 +60,9 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
         by_pose=True,
     )
     for group, drives in robot.groups.items():
-        kind = "mean force on {} [kN]" if drives[0].unit == "m" else "mean moment on {} [kNm]"
-        found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
+        borne = drives[0].load
+        label = words.force.get(group, f"mean {borne} on {group} [k{next(iter(UNITS[borne]))}]")
+        found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", label)
     found |= {f"{travel}_m": _travel(travel, causes.travel_words.get(travel)) for travel in robot.travels}
     found["truss_span_m"] = Facts(
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"

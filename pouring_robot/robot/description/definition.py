@@ -270,7 +270,7 @@ class RobotDefinition:
             Quantity("session", "label"),
             Quantity("time", "time"),
             *(Quantity(drive.approach_column, "sign") for drive in self.drives),
-            *(Quantity(drive.force_column, "force" if drive.unit == "m" else "moment") for drive in self.drives),
+            *(Quantity(drive.force_column, drive.load) for drive in self.drives),
             Quantity("payload", "mass"),
             *(Quantity(name, "length") for name in self.travels),
             *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),

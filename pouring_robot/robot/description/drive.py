@@ -56,6 +56,11 @@ class Drive:
         return f"approach_{self.column}"
 
     @property
+    def load(self) -> Literal["force", "moment"]:
+        """Kind of what it bears."""
+        return "force" if self.unit == "m" else "moment"
+
+    @property
     def force_column(self) -> str:
         """Name of the campaign column that says what it carries."""
         return f"force_{self.column}"
