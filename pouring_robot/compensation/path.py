@@ -31,8 +31,8 @@ from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import CLIMBS_SEED
 from pouring_robot.io.units import DEG, MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, grid
-from pouring_robot.mechanism.closure.status import SINGULAR, STATUS_NAMES
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, ReadOnly, grid
+from pouring_robot.mechanism.closure.status import CLOSED, SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import moved_point, rotation_vectors, tilt_rates, tilts
 from pouring_robot.report.result import Result
@@ -64,9 +64,14 @@ class CompensatedPath(ReadOnly, Result):
     status: NDArray[np.str_]  # ``closed``, or why there is no answer, shape (n,)
 
     @property
+    def answered(self) -> BoolArray:
+        """Which poses have an answer, shape (n,)."""
+        return np.asarray(self.status == STATUS_NAMES[CLOSED])
+
+    @property
     def headline(self) -> str:
         """How many poses, and how far off the frame was and is."""
-        found = self.status == STATUS_NAMES[0]
+        found = self.answered
         if not found.any():
             return f"no drive values for any of {len(found)} poses: {self.status[0] if len(found) else 'there is none'}"
         before, left = self.before_m[found].max(), np.linalg.norm(self.left[found, :3], axis=1).max()
@@ -149,7 +154,7 @@ class PathSearch:
         status[~np.isfinite(drives).all(axis=1)] = STATUS_NAMES[SINGULAR]
         # A pose beyond the limits also does not close, or is not met: what can be mended is said, as pose by pose.
         status[np.where(reached, ~within & limits, ~self.kinematics.in_reach(self.start))] = OUT_OF_REACH
-        found = (status == STATUS_NAMES[0])[:, None]
+        found = (status == STATUS_NAMES[CLOSED])[:, None]
         turned = rotation_vectors(closed.rotation, since=self.start.rotation)[:, [0, 2]]
         drives, before, left, turned = (np.where(found, values, np.nan) for values in (drives, before, left, turned))
         before_m, strain = np.linalg.norm(before[:, :3], axis=1), self.warm.strain

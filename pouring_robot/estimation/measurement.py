@@ -91,7 +91,7 @@ class Differentiated:
 class Prediction(PoseStack, Differentiated):
     """What the tracker should see of n rows: poses of the target in its frame, NaN where a row does not close."""
 
-    status: NDArray[np.uint8]  # 0 closed, 1 not converged or singular, 2 left open too far, 3 no pose has these drives
+    status: NDArray[np.uint8]  # codes of :mod:`~pouring_robot.mechanism.closure.status`
     closure: BatchClosure  # the closed loops
     # displacement of the target's origin (m) and rotation vector (rad), both in tracker axes, per unit of each unknown,
     # shape (n, 6, 12 + P); None where only the prediction was asked for
@@ -252,7 +252,7 @@ class MeasurementModel:
         """Return a prediction, of the same frames and base, with its Jacobian by the frames at zero and by parameters.
 
         These come on top of ``errors``, the displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m
-        and rad, one a column after the frames. Rows that are singular have status 1 and no Jacobian.
+        and rad, one a column after the frames. Rows that are singular say so in their status and have no Jacobian.
         """
         transfer, poses = self.engine.transfer(prediction.closure, parameters, errors), prediction.poses
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
@@ -335,7 +335,7 @@ class ModelledRows:
         return self.differentiate(unknowns, self.predict(unknowns))
 
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
-        """Return a prediction for these unknowns with its Jacobian added; rows that are singular get status 1."""
+        """Return a prediction for these unknowns with its Jacobian added; rows that are singular get that status."""
         errors = self.model.placement_errors(unknowns.parameters)
         parameters = self.model.moved_parameters(errors)
         base = self._base(unknowns)

@@ -7,7 +7,7 @@ displacement   sample, pose, frame, axis          m       with the errors minus 
 rotation       sample, pose, axis                 rad     rotation vector of the same (all frames are on one body)
 gap_m          sample, pose                       m       largest distance left open in a loop
 gap_rad        sample, pose                       rad     largest angle left open in a loop
-status         sample, pose                               0 ok, 1 to 3 no solution, 255 not done yet
+status         sample, pose                               0 ok, 255 not done yet, else why it has no solution
 errors         sample, parameter                  m, rad  the errors of each robot
 =============  =================================  ======  ==========================================================
 

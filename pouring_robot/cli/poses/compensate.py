@@ -195,7 +195,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
             wanted = [(*pose.position_m, pose.tilt_rad) for pose in read_poses(asked.poses)]
             found = compensate_path(heated, wanted, asked.frame, show=show)
             headline, table = found.headline, found.to_frame()
-            if not (found.status == "closed").any():
+            if not found.answered.any():
                 raise NoSolutionError(headline)
     written += options.written(asked.out, lambda: str(table.to_csv(index=False)))
     if asked.as_json:

@@ -94,6 +94,7 @@ def _at_once(
 
     from pouring_robot.io.tables import rows_csv
     from pouring_robot.io.units import MM, MRAD
+    from pouring_robot.mechanism.closure.status import CLOSED, STATUS_NAMES
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
@@ -107,7 +108,7 @@ def _at_once(
         found, closed = locate_path(HeatedRobot(robot, heat), wanted, show=show)
     lip = found.sel(frame=robot.model.definition.loops.working_frame)
     status = found.status.values.tolist()
-    if set(status) == {status[0]} and status[0] != "closed":
+    if set(status) == {status[0]} and status[0] != STATUS_NAMES[CLOSED]:
         raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
     errors = zip(lip.error_position.values / MM, lip.error_rotation.values / MRAD, status, strict=True)
     rows = [
@@ -152,6 +153,7 @@ def _error(shift: Any, turn: Any) -> Row:
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
     from pouring_robot.cli.shared.tables import print_rows
     from pouring_robot.io.figures import decimals
+    from pouring_robot.mechanism.closure.status import CLOSED, STATUS_NAMES
 
     worst = max(row.get("error_mm", 0.0) for row in rows)
     verdict, required = "", robot.accuracy_m
@@ -161,7 +163,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
     verdict += f"; {lost} without an answer" if lost else ""
     options.say(f"largest error {worst:.3f} mm{verdict}", style="bold")
     if not in_file:
-        rows = [{name: value for name, value in row.items() if value != "closed"} for row in rows]
+        rows = [{name: value for name, value in row.items() if value != STATUS_NAMES[CLOSED]} for row in rows]
         names = list(dict.fromkeys(name for row in rows for name in row))
 
         def cell(name: str, value: Any) -> str:
