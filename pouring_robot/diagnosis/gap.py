@@ -6,15 +6,10 @@ from typing import Any, Self
 import numpy as np
 
 from pouring_robot.diagnosis.rows import WhitenedRows
-from pouring_robot.estimation.kinds import LENGTHS, are, component_name, kinds_of
+from pouring_robot.estimation.kinds import LENGTHS, are, component_name, component_shown_in, kinds_of
 from pouring_robot.estimation.splits import WORSE
-from pouring_robot.io.units import MM, MRAD, shown_in
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
-
-
-def component_unit(component: int) -> tuple[str, float]:
-    """Return the unit that a component is shown in, mm or mrad for rotations, and how large that is, in m or rad."""
-    return shown_in("rad" if 3 <= component < 6 else "m")
 
 
 def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
@@ -89,7 +84,7 @@ class Gap:
         sizes = {f"{which}_rms_mm": self.position(which) / MM for which in kinds}
         sizes |= {f"{which}_rms_mrad": self.rotation(which) / MRAD for which in kinds}
         components = {
-            component_name(k): {which: float(getattr(self, which)[k] / component_unit(k)[1]) for which in kinds}
+            component_name(k): {which: float(getattr(self, which)[k] / component_shown_in(k)[1]) for which in kinds}
             for k in self.seen.tolist()
         }
         return {"rows": self.rows, **sizes, "components": components}

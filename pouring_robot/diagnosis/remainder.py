@@ -7,8 +7,8 @@ from typing import Any, Self
 import numpy as np
 
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.gap import component_unit, table_of
-from pouring_robot.estimation.kinds import component_name
+from pouring_robot.diagnosis.gap import table_of
+from pouring_robot.estimation.kinds import component_name, component_shown_in
 from pouring_robot.inference.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray, rms
 
@@ -47,7 +47,7 @@ class Remainder:
     @property
     def sentence(self) -> str:
         """It in words."""
-        unit, scale = component_unit(self.worst)
+        unit, scale = component_shown_in(self.worst)
         words, axis = self.structure.process.words, "the tracker's " if self.worst < 6 else ""
         text = (
             f"{words}: {self.size:.1f} times the noise, mostly in {axis}"
@@ -59,7 +59,7 @@ class Remainder:
 
     def figures(self) -> dict[str, Any]:
         """Return it as ``diagnosis.json`` holds it."""
-        unit, scale = component_unit(self.worst)
+        unit, scale = component_shown_in(self.worst)
         out: dict[str, Any] = {
             "where": self.structure.process.where,
             "by": self.structure.process.by,

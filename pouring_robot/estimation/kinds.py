@@ -38,3 +38,8 @@ def component_name(component: int) -> str:
 def unit_of(kind: Kind) -> tuple[str, float]:
     """Return the unit that a kind is shown in, and how large it is (SI)."""
     return shown_in("rad" if kind == "rotation" else "m")
+
+
+def component_shown_in(component: int) -> tuple[str, float]:
+    """Return the same of the kind of a component."""
+    return unit_of(KINDS[kind_of(np.asarray(component))])

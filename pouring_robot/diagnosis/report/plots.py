@@ -10,13 +10,13 @@ from scipy.special import ndtri
 
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.diagnoser import State
-from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
+from pouring_robot.diagnosis.gap import Gap, in_base, table_of
 from pouring_robot.diagnosis.learned_shape import Shape, shape_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.estimation.intervals import Z95
-from pouring_robot.estimation.kinds import KINDS, are, component_name
+from pouring_robot.estimation.kinds import KINDS, are, component_name, component_shown_in
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.io.units import MM
@@ -68,7 +68,7 @@ def _gap(diagnosis: Conclusions) -> str:
 
 
 def _gap_panel(axes: Any, gaps: dict[str, Gap], part: Indices, *, amended: bool) -> None:
-    (unit, si), places = component_unit(int(part[0])), np.arange(part.size)
+    (unit, si), places = component_shown_in(int(part[0])), np.arange(part.size)
     for shift, (name, gap) in zip((0.14, -0.14), gaps.items(), strict=False):
         before, after, floor = gap.before[part] / si, gap.after[part] / si, gap.floor[part] / si
         place = places + (shift if len(gaps) > 1 else 0.0)
