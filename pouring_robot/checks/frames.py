@@ -34,6 +34,7 @@ from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, robust_sigma
+from pouring_robot.mechanism.joint_limits import in_limits
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
@@ -197,7 +198,7 @@ class FrameChecks:
 
     def _beyond(self, drives: FloatArray) -> BoolArray:
         """Return which drives are beyond their limits, (n, D)."""
-        return np.asarray((drives < self._lower - _LIMIT_SLACK) | (drives > self._upper + _LIMIT_SLACK))
+        return ~in_limits(drives, self._lower, self._upper, _LIMIT_SLACK)
 
     def _not_compared(self) -> None:
         """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""

@@ -18,10 +18,10 @@ WRITTEN = 1e-6
 """The same of values that somebody rounded and wrote down, in m or rad."""
 
 
-def in_limits(values: ArrayLike, lower: float, upper: float, slack: float = ROUND_OFF) -> BoolArray:
-    """Return where values stand within limits in their unit, same shape; up to ``slack`` beyond one is on it."""
-    given = np.asarray(values)
-    return np.asarray((given >= lower - slack) & (given <= upper + slack))
+def in_limits(values: ArrayLike, lower: ArrayLike, upper: ArrayLike, slack: float = ROUND_OFF) -> BoolArray:
+    """Return where values stand within limits in their unit, as they broadcast; up to ``slack`` beyond one is on it."""
+    given, least, most = map(np.asarray, (values, lower, upper))
+    return np.asarray((given >= least - slack) & (given <= most + slack))
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class Robot:
         if self.drawing.mechanism.loops.redundant_drives:
             options = replace(options, most_disagreement_m=self.model.definition.most_disagreement_m)
         self.nominal_solver = ClosureSolver(self.drawing.mechanism, options=options)
-        loads = replace(loads, payload_frame=loads.payload_frame or self.model.definition.file.payload_frame)
+        loads = replace(loads, payload_frame=loads.payload_frame or self.model.definition.payload_frame)
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
 
     @classmethod

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates, in_mm_deg
+from pouring_robot.diagnosis.suggest.candidates import SESSION, Candidates, Prospect, candidates, in_mm_deg
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import LOAD, Conditions
@@ -71,7 +71,7 @@ class SuggestedMeasurement:
         """Return it as a row of a plan: what to command, and the conditions."""
         pose = {name: float(f"{value:.6g}") for name, value in in_mm_deg(self.pose).items()}
         command = self._commanded() if self.in_drives else pose
-        return {"sample": f"next_{number}", "session": "next", **command, **self.conditions}
+        return {"sample": f"next_{number}", "session": SESSION, **command, **self.conditions}
 
     def _commanded(self) -> dict[str, float]:
         drives = {}
