@@ -125,9 +125,7 @@ def calibrate(
         train = chosen[used]
         prior = chosen.model.prior_std(tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
-        fit = replace(
-            fit, noise_freedoms=noise.freedoms, noise_from_residuals=noise.from_residuals, stretches=stretches
-        )
+        fit = replace(fit, noise=noise, stretches=stretches)
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
     _, _, before = fitted(())

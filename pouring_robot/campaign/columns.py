@@ -20,6 +20,8 @@ from pouring_robot.robot.description.definition import RobotDefinition
 POSITION, ROTATION = robot_file.POSITION, robot_file.ROTATION
 DISTANCE, DISTANCE_FROM = robot_file.DISTANCE
 MEASURED, AMBIENT = robot_file.MEASURED, robot_file.AMBIENT
+SET = ("mass", "length", "sign")
+"""Kinds of conditions that somebody sets row by row, loads, travels and sides; the others are measured."""
 _STANDS, _LEAST_STEP = 1e-4, 1e-6
 """Share of a drive's range in a campaign, and m or rad, below which a difference is jitter: the drive stood still."""
 

@@ -189,7 +189,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     forces = [own_force(mechanism, engine.structure.configurations(closed.joints)), share]
     loads = campaign.conditions.get("payload")
     if loads is not None and np.isfinite(loads[rows]).any():
-        forces.append(share * np.where(np.isfinite(loads[rows]), loads[rows], np.nanmean(loads[rows]))[:, None])
+        forces.append(share * np.where(np.isfinite(loads[rows]), loads[rows], np.nanmedian(loads[rows]))[:, None])
     for force in forces:
         # Where weight puts nothing, round-off must not be made large: it would pass for noise.
         yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)

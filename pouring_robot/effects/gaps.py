@@ -6,12 +6,11 @@ row, loads, travels, sides, may stay as it was for many rows or be drawn anew fo
 
 import numpy as np
 
-from pouring_robot.campaign.columns import approach_names, runs_in_time
+from pouring_robot.campaign.columns import SET, approach_names, runs_in_time
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-_SET = ("mass", "length", "sign")
 _MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
 _ALIKE = 0.1
 """Of a column's range: values no further apart are alike. A cell that is off by as much does to an effect, in one row,
@@ -35,7 +34,7 @@ def rows_without(campaign: Campaign) -> dict[str, Indices]:
             continue
         values = campaign.quantity(quantity.name)
         if values is not None and not np.isfinite(values).all():
-            untold = order[_untold(values[order], between=quantity.kind not in _SET)]
+            untold = order[_untold(values[order], between=quantity.kind not in SET)]
             if untold.size:
                 found[quantity.canonical] = np.sort(untold)
     if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:

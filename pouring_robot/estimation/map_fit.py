@@ -13,7 +13,7 @@ the measurements cannot tell: :mod:`pouring_robot.estimation.identifiability`.
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel, chance_of, scatter
+from pouring_robot.estimation.noise import NoiseLevel, scatter
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
@@ -92,8 +92,7 @@ class Fit:
     second_evaluations: int  # how many times they were to measure second derivatives
     last_step: float  # length of the step not taken any more, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
-    noise_freedoms: float = float("inf")  # how well the noise is known, see :attr:`NoiseLevel.freedoms`
-    noise_from_residuals: bool = False  # whether it is what the fit left over, see :attr:`NoiseLevel.from_residuals`
+    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # what tells it; nothing: it is stated
     stretches: tuple[Indices, ...] = ()  # rows of the fit that were measured one after the other, by index
 
     @property
@@ -133,13 +132,13 @@ class Fit:
     def inflation(self) -> float:
         """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
         larger = self.scatter()
-        sure = larger > 1.0 and chance_of(self.chi_square(), self.freedom(), self.noise_freedoms) < _SURE
+        sure = larger > 1.0 and self.noise.chance_of(self.chi_square(), self.freedom()) < _SURE
         return larger if sure else 1.0
 
     @property
     def interval_freedoms(self) -> float:
         """Degrees of freedom that tell the standard deviations: those of the noise, unless residuals enlarge them."""
-        return self.noise_freedoms if self.inflation == 1.0 else math.inf
+        return self.noise.freedoms if self.inflation == 1.0 else math.inf
 
     @property
     def inflated_covariance(self) -> FloatArray:
@@ -170,7 +169,7 @@ class Fit:
 
         Where more may be left than noise, stretches of rows are asked, too: what a model lacks hangs together in them.
         """
-        unsure = self.noise_from_residuals or self.inflation > 1.0
+        unsure = self.noise.from_residuals or self.inflation > 1.0
         asked = unsure and len(self.stretches) > 1
         return (self.inflated_covariance, self.scattered_covariance) if asked else (self.inflated_covariance,)
 

@@ -10,6 +10,7 @@ that is too large to pass for noise, :func:`largest_noise` says.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,6 +20,7 @@ import scipy.special
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.columns import SET
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import instruments_of
@@ -32,6 +34,7 @@ LEAST_NOISE = 1e-6
 device that robots are measured with reads better."""
 _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
+_UNSAID = -1e3  # m, kg or a side that no robot has
 
 
 @dataclass(frozen=True)
@@ -99,14 +102,24 @@ class NoiseLevel:
         """
         found = dict(self.kinds)
         for kind, noise in self.kinds.items():
-            sigma, few = left[kind].sigma, noise.freedoms
+            sigma = left[kind].sigma
             if noise.source == "residuals":
                 found[kind] = replace(noise, sigma=sigma)
-            elif noise.source == "repeats" and (more := freedoms[kind] - few) > 0.0:
-                lack = max(freedoms[kind] * (sigma / noise.sigma) ** 2 - few, 0.0)
-                if chance_of(lack, more, few) > rate:
+            elif noise.source == "repeats" and freedoms[kind] > noise.freedoms:
+                squares = freedoms[kind] * (sigma / noise.sigma) ** 2
+                if NoiseLevel({kind: noise}).chance_of(squares, freedoms[kind]) > rate:
                     found[kind] = replace(noise, sigma=sigma, freedoms=freedoms[kind])
         return NoiseLevel(found)
+
+    def chance_of(self, squares: float, freedoms: float) -> float:
+        """Return the probability that noise alone leaves so large a sum of squares, over it, of so many freedoms.
+
+        Repeats that tell it are among what is left, and apart from each other by just as much: what is left beyond them
+        is asked (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2).
+        """
+        repeated = sum(noise.freedoms for noise in self.kinds.values() if math.isfinite(noise.freedoms))
+        beyond = freedoms - repeated
+        return chance_of(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond > 0.0 else 1.0
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other's its sizes differ at most."""
@@ -216,13 +229,15 @@ def commands(drives: FloatArray) -> NDArray[np.int64]:
 
 
 def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
-    """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
-    drives = commands(campaign.drives[rows])
-    approach = np.zeros((rows.size, 1)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
+    """Return the rows that were commanded alike in one session: groups of two or more.
+
+    That is with all that somebody sets, sides, loads and travels, too: what these do is no noise.
+    """
+    given = (campaign.quantity(q.name) for q in campaign.robot.condition_columns if q.kind in SET)
+    settings = np.column_stack([campaign.drives, *(np.nan_to_num(v, nan=_UNSAID) for v in given if v is not None)])
     groups: dict[tuple[object, ...], list[int]] = {}
-    for k, row in enumerate(rows.tolist()):
-        key = (campaign.sessions[row], *drives[k].tolist(), *approach[k].tolist())
-        groups.setdefault(key, []).append(row)
+    for row, alike in zip(rows.tolist(), commands(settings[rows]).tolist(), strict=True):
+        groups.setdefault((campaign.sessions[row], *alike), []).append(row)
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 
 

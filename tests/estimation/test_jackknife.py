@@ -12,6 +12,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.intervals import Z95, deviations95, largest_std
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.map_fit import FitOptions, identify
+from pouring_robot.estimation.noise import Noise, NoiseLevel
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
@@ -81,7 +82,7 @@ def test_stretches_are_asked_where_more_may_be_left_than_noise(wandering):
     assert len(replace(fit, stretches=()).covariances) == 1
     sound = replace(fit, equations=replace(fit.equations, residual=0.01 * fit.equations.residual))
     assert len(sound.covariances) == 1
-    assert len(replace(sound, noise_from_residuals=True).covariances) == 2
+    assert len(replace(sound, noise=NoiseLevel({"position": Noise(source="residuals")})).covariances) == 2
 
 
 @pytest.mark.parametrize("rows", [60, 300])

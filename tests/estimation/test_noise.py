@@ -35,6 +35,14 @@ def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
     assert [len(group) for group in repeats(other, np.arange(len(other)))] == [5, 6, 6, 6]
 
 
+def test_what_was_set_otherwise_is_no_repeat(repeated):
+    """What a load does to a pose is no noise; an empty cell is no load that is known."""
+    loaded = np.where(np.arange(len(repeated)) == 20, 400.0, 0.0)
+    loaded[21] = np.nan
+    campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": loaded})
+    assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 4, 6, 6]
+
+
 def test_noise_from_repeats(repeated):
     noise = noise_beforehand(repeated, np.arange(len(repeated)))
     assert noise["position"].source == noise["rotation"].source == "repeats"
@@ -62,6 +70,18 @@ def test_chance_is_as_often_as_it_says(noise_freedoms):
     variance = random.chisquare(noise_freedoms if known else 1.0, 4000) / noise_freedoms if known else np.ones(4000)
     chances = [chance_of(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
     assert kstest(chances, "uniform").pvalue > 1e-3
+
+
+def test_repeats_are_taken_from_what_their_noise_is_to_judge():
+    """In a gap half as large as the noise every second row is a repeat, which shows none of it."""
+    random, chances, found = np.random.default_rng(6), [], []
+    for _ in range(4000):
+        pure, beyond = random.chisquare(60.0), random.chisquare(60.0)
+        noise = NoiseLevel({"position": Noise(1.0, "repeats", 60.0)})
+        chances.append(noise.chance_of((pure + beyond) / (pure / 60.0), 120.0))
+        found.append(noise.chance_of((pure + 1.5 * beyond) / (pure / 60.0), 120.0) < 0.01)
+    assert kstest(chances, "uniform").pvalue > 1e-3
+    assert np.mean(found) > 0.15  # 0.03, were repeats counted on both sides
 
 
 def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
