@@ -10,7 +10,7 @@ import numpy as np
 import scipy.special
 
 from pouring_robot.calibration.metrics import LadleUncertainty, Misfit, PosePerformance, length_columns, values_a_row
-from pouring_robot.calibration.selection import Refusal, Selection
+from pouring_robot.calibration.selection import Refusal, Selection, row_scores
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.frames.outer import FRAMES
@@ -89,8 +89,7 @@ class CalibrationFindings(Result):
 
         In mm and mrad, of what their :meth:`misfit` is of.
         """
-        seen = self.before[np.setdiff1d(rows, self.left_out)]
-        sigma = np.array([self.noise[KINDS[kind]].sigma for kind in kind_of(np.arange(seen.shape[1]))])
+        seen, sigma = self.before[np.setdiff1d(rows, self.left_out)], self._sigma
         found = dict[str, float]()
         for unit, si, columns in (("mm", MM, length_columns(seen)), ("mrad", MRAD, slice(3, 6))):
             known = np.isfinite(seen[:, columns])
@@ -98,6 +97,17 @@ class CalibrationFindings(Result):
             values = round(values_a_row(seen[:, columns]))  # that most rows have
             found |= {f"rms_{unit}": size, f"p95_{unit}": math.sqrt(float(scipy.special.chdtri(values, 0.05))) * size}
         return found
+
+    @property
+    def held_out_scores(self) -> tuple[FloatArray, FloatArray]:
+        """Scores of the held-out rows before and after, see :func:`~pouring_robot.calibration.selection.row_scores`."""
+        test = np.setdiff1d(self.split.test, self.left_out)
+        return row_scores(self.before[test], self._sigma), row_scores(self.after[test], self._sigma)
+
+    @property
+    def _sigma(self) -> FloatArray:
+        """The noise of each component of a row, (K,), in m and rad."""
+        return np.array([self.noise[KINDS[kind]].sigma for kind in kind_of(np.arange(self.before.shape[1]))])
 
     @property
     def verdict(self) -> Literal["accepted", "unchanged", "refused"]:

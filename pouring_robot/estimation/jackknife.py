@@ -3,9 +3,9 @@ r"""How far an answer scatters where what is left is no noise: found again witho
 What an effect that the model lacks leaves over hangs together from row to row, so that n rows tell less than n of a
 noise as large. The delete-a-group jackknife (Efron, *The jackknife, the bootstrap and other resampling plans*, 1982)
 asks the rows themselves, whole blocks of them: it is the cluster-robust covariance CV3J of econometrics, the sandwich
-of Huber and White with each block's leverage taken out, known to as many degrees of freedom as there are blocks less one
-(Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. Human Resources 50, 2015; MacKinnon, Nielsen
-& Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
+of Huber and White with each block's leverage taken out, known to as many degrees of freedom as there are blocks, less
+one (Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. Human Resources 50, 2015; MacKinnon,
+Nielsen & Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
 """
 
 from collections.abc import Iterable

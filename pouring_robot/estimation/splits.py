@@ -27,8 +27,6 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
 BLOCKS = 5
-WORSE = 1.05
-"""A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
 _KNOWN = 0.1
 """Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
 they leave open there would have ten times the variance that all rows leave."""

@@ -118,3 +118,16 @@ def test_values_beyond_their_tolerances_are_told(found):
     times = np.sqrt(((frame["value"] / frame["prior_std"]) ** 2).sum() / frame["learnt"].sum())
     assert times > 2.0
     assert [f"is {times:.1f} times as far off" in line for line in told(bad)] == [True]
+
+
+def test_what_held_out_rows_bear_is_not_said_to_be_worse(found):
+    """Rotations a tenth worse by chance: no more than two standard errors, while places are ten times better."""
+    random = np.random.default_rng(2)
+    sigma = np.repeat([found.noise.position_m, found.noise.rotation_rad], 3)
+    before = sigma * random.normal(size=(len(found.before), 6)) * np.repeat([10.0, 1.0], 3)
+    after = sigma * random.normal(size=before.shape)
+    test = found.split.test
+    after[test, 3:] *= 1.1 * np.sqrt(np.square(before[test, 3:]).sum() / np.square(after[test, 3:]).sum())
+    assert not any("do not use" in line for line in warnings_of(replace(found, before=before, after=after)))
+    after[test, 3:] *= 3.0
+    assert any("do not use" in line for line in warnings_of(replace(found, before=before, after=after)))
