@@ -78,6 +78,7 @@ class Effect(ABC):
     # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
     moves_robot: bool = True  # whether it moves the robot, not only what is seen of it
+    of_turn: bool = False  # whether it is said to return with every turn of the joints that it moves
     # condition that it is drawn over and that must vary so that it shows, one of
     # :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`
     driven_by: str = ""

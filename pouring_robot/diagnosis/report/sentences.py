@@ -12,6 +12,7 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import FEWEST_VALUES
 from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
+from pouring_robot.diagnosis.part_of_a_turn import left_open
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.facts import INERTIAS, facts_of, sources
@@ -176,7 +177,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     ]
     every = diagnosis.parameters_of(effect)
     known = diagnosis.diagnoser.library.effects[cause.effect]
-    with_care = known.to_read_with_care(diagnosis.rows.conditions)
+    with_care = (*known.to_read_with_care(diagnosis.rows.conditions), *left_open(diagnosis, effect))
     if together := diagnosis.in_words(effect):  # in the place of the parameters
         return [*lines, *together, *with_care]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]

@@ -15,9 +15,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drive import Drive
 
 _SHOWN_ORDERS = 3
-_TURN = 2.0 * np.pi
-_TELLS_ORDERS_DEG = 270.0
-"""Over less of a turn waves of neighbouring orders go along by three tenths or more: sin x over x of half the arc."""
 _FINE, _SMALL = 1e-4, 1e-3
 _GEAR = 10.0
 """In mrad/rad, of a ratio and of what is coupled by gears: a tooth of a hundred, as a strain-wave gear of 100 turns 101
@@ -223,18 +220,6 @@ class Periodic(Family):
             rms = float(np.sqrt((sizes**2).sum() / 2.0))
             lines.append(f"{drive.words}: {rms:.3f} {unit} rms over a turn; largest orders (amplitude): {said}")
         return tuple(lines)
-
-    def to_read_with_care(self, conditions: Conditions) -> tuple[str, ...]:
-        """Of waves of a joint's turn: joints that turned so little that one order does what another does."""
-        if not self.of_turn:
-            return ()
-        turned = {}
-        for drive, column in zip(self.drives, conditions.places(self.drives), strict=True):
-            angles = np.unique(conditions.drives[:, column] % _TURN)
-            gaps = np.diff(angles, append=angles[0] + _TURN)
-            turned[drive.words] = float(np.degrees(_TURN - gaps.max()))
-        few = [f"{words} {angle:.0f}°" for words, angle in turned.items() if angle < _TELLS_ORDERS_DEG]
-        return (f"turned little, so that orders stand for each other: {', '.join(few)}",) if few else ()
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn, and overtones, on a screw perhaps larger towards one end of it.

@@ -1,0 +1,61 @@
+"""What a campaign that saw part of a turn leaves open of an error that is said to return with every turn of a joint."""
+
+from collections import Counter
+
+import numpy as np
+
+from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.diagnosis.named_effects import NamedEffect
+from pouring_robot.effects.base import channel
+from pouring_robot.effects.stack import local_changes
+from pouring_robot.inference.problem import Nuisance
+from pouring_robot.mechanism.arrays import FloatArray
+
+_TELLS_ORDERS_DEG = 270.0
+"""Over less of a turn waves of neighbouring orders go along by three tenths or more: sin x over x of half the arc."""
+_SMOOTH = 3
+"""Degree of a smooth curve: a zero, a ratio, and of either phase of a wave its first term beyond these."""
+
+
+def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
+    """Return what makes waves of joints' turns less certain than they look, a sentence each.
+
+    Joints turned so little that one order does what another does, or that a smooth curve of the angle does what was
+    found: what is seen of it (:attr:`~pouring_robot.inference.thresholds.Thresholds.hidden`) is hidden beside that.
+    """
+    given, hidden = diagnosis.rows.conditions, diagnosis.diagnoser.asked.hidden
+    if not diagnosis.diagnoser.library.effects[effect.cause.effect].of_turn:
+        return ()
+    terms = Counter(name for found in effect.parameters for name in found.parameter.changes)
+    curves = local_changes([p.parameter for p in effect.parameters], [p.value for p in effect.parameters])
+    orders, smooth = list[str](), list[str]()
+    for drive, angles in zip(given.robot.drives, given.drives.T, strict=True):
+        if (name := channel(drive)) in curves:
+            turned = turned_deg(angles)
+            seen, beside = _shown(diagnosis, name, curves[name], angles)
+            orders += [f"{drive.words} {turned:.0f}°"] if turned < _TELLS_ORDERS_DEG and terms[name] > 2 else []
+            smooth += [f"{drive.words} {turned:.0f}°"] if beside <= hidden < seen else []
+    told = {
+        "turned little, so that orders stand for each other": orders,
+        "in these poses a smooth error that returns with no turn, as of a part that bends, does the same": smooth,
+    }
+    return tuple(f"{said}: {', '.join(joints)}" for said, joints in told.items() if joints)
+
+
+def turned_deg(angles: FloatArray) -> float:
+    """Return how much of a turn angles (n,), in rad, span, in degrees: all but the widest gap."""
+    seen = np.unique(angles % (2.0 * np.pi))
+    return 360.0 - float(np.degrees(np.diff(seen, append=seen[0] + 2.0 * np.pi).max()))
+
+
+def _shown(diagnosis: Conclusions, name: str, curve: FloatArray, angles: FloatArray) -> tuple[float, float]:
+    """Return what fitted rows show of a drive's error (n,), and what beside smooth curves of its angles (n,), in rad.
+
+    Both are sums of squares in noise variances, beside the frames.
+    """
+    rows, linear = diagnosis.rows, diagnosis.diagnoser.at_rest().linear
+    frames, steps = Nuisance.of(linear.free), (angles - angles.mean()) / (np.ptp(angles) or 1.0)
+    courses = [curve, *(steps**k for k in range(_SMOOTH + 1))]
+    part, *terms = (frames.cleared(rows.signature({name: course}, linear)) for course in courses)
+    beside = part - np.column_stack(terms) @ np.linalg.lstsq(np.column_stack(terms), part, rcond=None)[0]
+    return float(part @ part), float(beside @ beside)
