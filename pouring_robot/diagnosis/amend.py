@@ -75,7 +75,7 @@ def _found(diagnosis: Findings) -> FoundByKey:
     for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
         left.setdefault(parameter, []).append(value)
     found: FoundByKey = []
-    for key, parameters in diagnoser.parameters_of(diagnosis.hypothesis):
+    for key, parameters in diagnosis.parameters:
         own = (replace(p, value=left[p.parameter].pop(0)) for p in parameters if left.get(p.parameter))
         found.append((key, tuple(own)))
     # What is left belongs to the largest form that is there as a whole.

@@ -286,6 +286,8 @@ class _Work:
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
+        unknown = judgement.verdict == "unknown" and judgement.causes
+        parameters = diagnoser.parameters_of(hypothesis, after if unknown else None)
         given, sigma = rows.conditions, rows.measured.sigma
         noise = replace(rows.noise, settled=found.settled)
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
@@ -307,7 +309,8 @@ class _Work:
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
-            effects=diagnoser.named(hypothesis, judgement.causes),
+            parameters=parameters,
+            effects=diagnoser.named(parameters, hypothesis, judgement.causes),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,

@@ -12,7 +12,10 @@ from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, Na
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.stack import local_changes
+from pouring_robot.estimation.intervals import largest_std
+from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.splits import blocks
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -31,6 +34,8 @@ _BENT = 0.3
 """Noise deviations: over a hundred equations what is off by as much tells 4.5 nats, as one more cause has to."""
 _TRIED = 3
 """Effects that are settled each alone where the drawing's derivatives do not tell: as many as the search tries."""
+_FREE = 1e-9
+"""Prior of a free unknown over all that the rows tell of it: it holds none, where rounding alone would tell of it."""
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
 
@@ -206,28 +211,45 @@ class Diagnoser:
         state, single = self.settled(state, single)
         return state.alone, single
 
-    def parameters_of(self, hypothesis: Hypothesis) -> FoundByKey:
-        """Return every group of a hypothesis that has parameters of the robot: workmanship, then items."""
-        mean, covariance = hypothesis.coefficients()
+    def parameters_of(self, hypothesis: Hypothesis, unexplained: State | None = None) -> FoundByKey:
+        """Return every group of a hypothesis that has parameters of the robot: workmanship, then items.
+
+        A state that the hypothesis is of, and where it leaves more than noise, makes standard deviations at least those
+        of how far stretches of time scatter the coefficients (:mod:`pouring_robot.estimation.jackknife`).
+        """
+        mean, *covariances = hypothesis.coefficients()
+        covariances += [self._scattered(hypothesis, unexplained)] if unexplained else []
         forms, found = self.library.every_form, []
         for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
             if group.key in forms:
                 form = forms[group.key]
-                units = weights * np.array([p.prior_std for p in form.parameters])
-                told, spread = units * mean[own], units[:, None] * covariance[own, own] * units
-                if form.told:
-                    from_others = form.told(self.fitted)
-                    told, spread = from_others @ told, from_others @ spread @ from_others.T
-                values = zip(form.parameters, told.tolist(), np.sqrt(np.diag(spread)).tolist(), strict=True)
+                units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
+                units = form.told(self.fitted) @ units if form.told else units
+                std = largest_std(units, [one[own, own] for one in covariances])
+                values = zip(form.parameters, (units @ mean[own]).tolist(), std.tolist(), strict=True)
                 found.append((group.key, tuple(FoundParameter(*each, self.rows.noise.freedoms) for each in values)))
         return found
 
-    def named(self, hypothesis: Hypothesis, causes: Iterable[Cause]) -> tuple[NamedEffect, ...]:
-        """Return causes that a hypothesis makes with their parameters."""
-        known, effects, named = dict(self.parameters_of(hypothesis)), self.library.effects, []
+    def _scattered(self, hypothesis: Hypothesis, state: State) -> FloatArray:
+        """Return the covariance of the coefficients of everything fitted by stretches of time, (k, k)."""
+        free, left, row = hypothesis.problem.nuisance, hypothesis.remainder, state.fitted_rows.row
+        groups = list(zip(hypothesis.fitted, hypothesis.weights(), strict=True))
+        stretches = blocks(self.rows.campaign, "time", np.flatnonzero(~self.fitted))
+        parts = (
+            (np.hstack([free.axes[own], *(-one.columns[own] * weights for one, weights in groups)]), left[own])
+            for own in (np.isin(row, stretch) for stretch in stretches.values())
+        )
+        means, unheld = hypothesis.coefficients()[0], np.zeros(free.dof)
+        prior = np.concatenate([unheld + _FREE, np.ones_like(means)])
+        found = jackknife_covariance(parts, np.concatenate([unheld, means]), prior, self.rows.noise.freedoms)
+        return found[free.dof :, free.dof :]
+
+    def named(self, found: FoundByKey, hypothesis: Hypothesis, causes: Iterable[Cause]) -> tuple[NamedEffect, ...]:
+        """Return causes that a hypothesis makes with their parameters, found as :meth:`parameters_of` has them."""
+        known, effects, named = dict(found), self.library.effects, []
         for cause in causes:
             keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
-            parameters = tuple(found for key in keys for found in known[key])
+            parameters = tuple(one for key in keys for one in known[key])
             named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
         return tuple(named)
 

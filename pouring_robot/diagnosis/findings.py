@@ -9,7 +9,7 @@ from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.cross_validation import InTurn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect
+from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
@@ -43,7 +43,8 @@ class Findings:
     # why the answer is unknown whatever explains best: what is left is too large for noise, or what was found is no
     # credible robot; "" where neither is
     misfit: str
-    effects: tuple[NamedEffect, ...]  # the named effects with their parameters
+    parameters: FoundByKey  # of everything fitted
+    effects: tuple[NamedEffect, ...]  # the named effects with theirs
     untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks
     train: Gap  # gap of the fitted rows
     held_out: Gap | None  # gap of the held-out rows; None where there are none

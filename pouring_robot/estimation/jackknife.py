@@ -8,22 +8,29 @@ one (Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. 
 Nielsen & Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
 """
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 import scipy.linalg
 
+from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.mechanism.arrays import FloatArray
 
 
 def jackknife_covariance(
-    blocks: Iterable[tuple[FloatArray, FloatArray]], place: FloatArray, prior: FloatArray | float = 1.0
+    blocks: Iterable[tuple[FloatArray, FloatArray]],
+    place: FloatArray,
+    prior: FloatArray | float = 1.0,
+    freedoms: float = math.inf,
 ) -> FloatArray:
-    """Return how far blocks of equations scatter an answer at ``place``, (k,): a covariance, (k, k), in its units.
+    """Return the covariance of an answer at ``place``, (k,), by how far blocks of equations scatter it, (k, k).
 
-    Of each block what is left there, (m,), and before it its derivatives, (m, k); both are over the noise and weighted.
-    Without one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and
-    the inverse of ``prior``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before.
+    Of each block its derivatives, (m, k), and what is left there, (m,); both are over the noise and weighted. Without
+    one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and the
+    inverse of ``prior``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before, so
+    that of the normal matrix A it is A^-1 (M + prior) A^-1, M of the gradient of the data. What blocks scatter counts
+    as much more as Student's t of so few is wider than that of ``freedoms``, for intervals that are made with these.
     """
     inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
     held, moved = np.eye(place.size) * prior, []
@@ -31,4 +38,6 @@ def jackknife_covariance(
         told, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
         moved.append(-scipy.linalg.solve(held + told, held @ place + pulled, assume_a="pos"))
     apart = np.array(moved) - np.mean(moved, axis=0)
-    return np.asarray((len(moved) - 1) / len(moved) * apart.T @ apart)
+    wider = deviations95(len(moved) - 1.0) / deviations95(freedoms)
+    by_priors = scipy.linalg.solve(held + sum(inner), np.sqrt(held), assume_a="pos")
+    return np.asarray(wider**2 * (len(moved) - 1) / len(moved) * apart.T @ apart + by_priors @ by_priors.T)

@@ -21,7 +21,6 @@ import numpy as np
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.sessions import in_one_frame
-from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
@@ -146,22 +145,17 @@ class Fit:
 
         What data tell, C^-1 - P^-1, counts by the inflation less; the tolerances P hold as before.
         """
-        more, share = self.inflation**2 - 1.0, self._share
+        more, share = self.inflation**2 - 1.0, self.covariance / self._scale
         return np.asarray(self._scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))
 
     @property
     def scattered_covariance(self) -> FloatArray:
-        """The same by how the stretches of rows scatter the answer, C (M + P^-1) C: the gradient of the data as M.
-
-        Its part counts as often as Student's t of so few stretches is wider than what :attr:`interval_freedoms` say.
-        """
+        """The same by how far stretches of rows scatter the answer, see :mod:`~.jackknife`."""
         equations, root = self.equations, np.sqrt(self.weights)
         rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
         blocks = [np.isin(equations.rows, stretch) for stretch in self.stretches]
-        place = self.unknowns.values / self.prior_std
-        scattered = jackknife_covariance(((rows[block], left[block]) for block in blocks), place)
-        wider = deviations95(len(blocks) - 1.0) / deviations95(self.interval_freedoms)
-        return np.asarray(self._scale * (wider**2 * scattered + self._share @ self._share))
+        parts, place = ((rows[block], left[block]) for block in blocks), self.unknowns.values / self.prior_std
+        return np.asarray(self._scale * jackknife_covariance(parts, place, freedoms=self.interval_freedoms))
 
     @functools.cached_property
     def covariances(self) -> tuple[FloatArray, ...]:
@@ -176,10 +170,6 @@ class Fit:
     @property
     def _scale(self) -> FloatArray:
         return np.outer(self.prior_std, self.prior_std)
-
-    @property
-    def _share(self) -> FloatArray:
-        return np.asarray(self.covariance / self._scale)
 
 
 def identify(

@@ -1,6 +1,9 @@
-"""What an answer that is put into the robot is settled beside, and what it is held against."""
+"""What an answer that is put into the robot is settled beside, what it is held against, and how well it is known."""
 
+import numpy as np
 import pytest
+
+from pouring_robot.estimation.intervals import Z95, deviations95
 
 
 def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(hot):
@@ -15,3 +18,24 @@ def test_the_gap_is_that_of_the_given_model_wherever_the_search_has_come(hot):
     rest = diagnoser.problem_at(diagnoser.at_rest())
     assert hot.hypothesis.problem.given_squared == pytest.approx(rest.gram.squared, rel=1e-9)
     assert hot.hypothesis.problem.gram.squared != pytest.approx(rest.gram.squared, rel=1e-9)
+
+
+def test_where_something_is_unknown_stretches_of_time_say_how_well_the_rest_is_known(excluded):
+    """As least squares without each of them do, frames free: rows of equations, and a row each of priors."""
+    hypothesis, diagnoser = excluded.hypothesis, excluded.diagnoser
+    assert excluded.verdict == "unknown" and excluded.effects
+    free, weights = hypothesis.problem.nuisance.axes, np.concatenate(hypothesis.weights())
+    columns, row = np.hstack([free, hypothesis.columns * weights]), excluded.after.fitted_rows.row
+    priors = np.eye(columns.shape[1])[free.shape[1] :]
+    answers = []
+    for stretch in np.array_split(np.flatnonzero(diagnoser.fitted), 5):
+        kept = ~np.isin(row, stretch)
+        seen = np.concatenate([hypothesis.problem.residual[kept], np.zeros(len(priors))])
+        answers.append(np.linalg.lstsq(np.vstack([columns[kept], priors]), seen, rcond=None)[0][free.shape[1] :])
+    covariance = hypothesis.coefficients()[1]
+    scattered = 0.8 * np.square(answers - np.mean(answers, axis=0)).sum(axis=0) * (deviations95(4.0) / Z95) ** 2
+    expected = np.sqrt(np.maximum(scattered + np.square(covariance).sum(axis=1), np.diag(covariance)))
+    told = [one for _, own in excluded.parameters for one in own]
+    units = [one.parameter.prior_std for one in told]
+    np.testing.assert_allclose([one.std for one in told], expected * weights * units, rtol=1e-4)
+    assert (expected > 1.5 * np.sqrt(np.diag(covariance))).any()
