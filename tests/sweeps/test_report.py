@@ -203,7 +203,12 @@ def test_the_command_prints_tables_and_writes_its_files(tmp_path, capsys):
         rows = list(csv.DictReader(stream))
     assert len(rows) > 30 and set(rows[0]) >= {"name", "part", "tolerance", "unit", "share_of_scatter"}
     summary = json.loads((tmp_path / "out/summary.json").read_text())
-    assert summary["seed"] == 11 and len(summary["allocation"]["tolerances"]) == len(rows)
+    loosest = {row["parameter"]: row for row in summary["allocation"]["tolerances"]}
+    assert summary["seed"] == 11 and {name: row["unit"] for name, row in loosest.items()} == {
+        row["name"]: row["unit"] for row in rows
+    }
+    scaled = {row["name"]: loosest[row["name"]]["factor"] * float(row["tolerance"]) for row in rows}
+    assert {name: row["tolerance_mm_or_mrad"] for name, row in loosest.items()} == pytest.approx(scaled)
 
 
 @pytest.mark.parametrize(

@@ -176,10 +176,16 @@ def allocation_line(found: AllocatedTolerances) -> str:
 def allocation_table(found: AllocatedTolerances) -> Table:
     """Return the loosest tolerances, the tightest first; those that hardly matter stand at the cap."""
     rows = [
-        (row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}", "at the cap" * row["at_cap"])
+        (
+            row["parameter"],
+            f"{row['tolerance_mm_or_mrad']:.4g}",
+            row["unit"],
+            f"{row['factor']:.3f}",
+            "at the cap" * row["at_cap"],
+        )
         for row in sorted(found.figures()["tolerances"], key=lambda row: float(row["factor"]))
     ]
-    return Table(("parameter", "tolerance mm or mrad", "times the given one", ""), rows)
+    return Table(("parameter", "tolerance", "unit", "times the given one", ""), rows)
 
 
 def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str:
@@ -271,6 +277,7 @@ def _cumulative(axes: Any, summary: Summary) -> None:
     axes.set_xlabel(f"displacement of {summary.frame}, mm")
     axes.set_ylabel("share of robots and poses")
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.3)
     axes.legend()
 

@@ -256,6 +256,7 @@ class AllocatedTolerances:
     wanted: Allocation  # how many of the robots, at each pose
     requirement_m: float  # largest distance allowed
     names: tuple[str, ...]  # of the parameters
+    units: tuple[str, ...]  # that their tolerances are shown in, mm or mrad
     tolerance: FloatArray  # largest error of each, in m or rad, shape (parameters,)
     factor: FloatArray  # new over given tolerance; capped: whether the cap holds it, shape (parameters,) each
     capped: BoolArray
@@ -269,8 +270,14 @@ class AllocatedTolerances:
     def figures(self) -> dict[str, Any]:
         """Return the figures for people and JSON: mm, mrad (both are thousandths)."""
         rows = [
-            {"parameter": name, "tolerance_mm_or_mrad": 1e3 * float(t), "factor": float(f), "at_cap": bool(c)}
-            for name, t, f, c in zip(self.names, self.tolerance, self.factor, self.capped, strict=True)
+            {
+                "parameter": name,
+                "tolerance_mm_or_mrad": 1e3 * float(t),
+                "unit": u,
+                "factor": float(f),
+                "at_cap": bool(c),
+            }
+            for name, u, t, f, c in zip(self.names, self.units, self.tolerance, self.factor, self.capped, strict=True)
         ]
         return {
             "requirement_mm": self.requirement_m / MM,
@@ -350,7 +357,8 @@ def _verified(
     tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
     capped, worst, predicted = found.capped[list(groups)], found.poses, float(found.quantile_m.max())
     accuracy, names, poses = plan.accuracy_m, plan.names, len(hardest)
+    units = tuple(shown_in(p.unit)[0] for p in plan.parameters)
     mean, least = (float(one) / wanted.machines for one in (within.mean(), within.min()))
     return AllocatedTolerances(
-        wanted, accuracy, names, tolerance, factor, capped, worst, predicted, poses, mean, least, failed
+        wanted, accuracy, names, units, tolerance, factor, capped, worst, predicted, poses, mean, least, failed
     )
