@@ -350,12 +350,14 @@ def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
     assert parameter_text("l1_offset", FoundParameter(parameter, value, std)) == f"l1 offset {shown[0]} ± {shown[1]} mm"
 
 
-def test_the_table_has_no_empty_columns(tmp_path, hot):
+def test_the_table_has_no_empty_columns_and_none_without_a_unit(tmp_path, hot):
     positions = diagnose(campaign(tmp_path, NOTHING, full_pose=False))
     for diagnosis, count in ((positions, 7), (hot, 11)):
         head, rows = gap_table(diagnosis)
         assert len(head) == count
         assert all(len(row) == count for row in rows)
+        assert head[2:6] == ("x mm", "y mm", "z mm", "all mm")
+        assert all(name.endswith(" mrad") for name in head[6:-1])
     assert diagnosis_metrics(positions, "m")["gap"]["held_out"]["after_rms_mrad"] is None
 
 
