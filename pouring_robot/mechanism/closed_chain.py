@@ -139,6 +139,8 @@ class ClosedChainMechanism:
         for mimic in self.mimics:
             if any(len(self.joint_columns.get(name, ())) != 1 for name in (mimic.joint, mimic.leader)):
                 problem = f"joint '{mimic.joint}' mimics '{mimic.leader}': both must be joints of one freedom"
+                if mimic.leader not in self.joint_paths:
+                    problem += f", and there is no '{mimic.leader}'{closest(mimic.leader, self.joint_paths)}"
                 raise DescriptionError(f"URDF of {self._source}", problem)
             if mimic.joint in self.loops.drives:
                 raise DescriptionError(

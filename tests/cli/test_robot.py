@@ -428,6 +428,27 @@ def test_what_a_gepetto_file_closes_is_taken_over(run, tmp_path):
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == said
 
 
+def test_of_a_gepetto_file_that_drives_what_follows_another_the_leader_is_driven(run, tmp_path):
+    follows = FINGERS.replace(
+        '<joint name="b" type="continuous">', '<joint name="b" type="continuous"><mimic joint="a"/>'
+    )
+    (tmp_path / "f.urdf").write_text(follows, encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text("closed_loop: [[left_tip, right_tip]]\ntype: [3d]\nname_mot: [b]\n")
+    code, out, err = run("robot", "init", "f.urdf")
+    assert (code, err) == (0, "")
+    assert "1 drives: a (angle)" in out
+
+
+def test_a_joint_that_follows_one_that_is_not_there_is_refused_with_the_nearest(run, tmp_path):
+    follows = FINGERS.replace(
+        '<joint name="b" type="continuous">', '<joint name="b" type="continuous"><mimic joint="at_"/>'
+    )
+    (tmp_path / "f.urdf").write_text(follows, encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text("closed_loop: [[left_tip, right_tip]]\ntype: [3d]\nname_mot: [a]\n")
+    code, _, err = run("robot", "init", "f.urdf")
+    assert code == 2 and "and there is no 'at_'; did you mean 'at'?" in err
+
+
 def test_a_machine_of_ones_own_is_asked_for_checked_and_drawn(run, tmp_path, monkeypatch):
     """Answers from a keyboard; what is no answer is asked again; an empty line takes the default."""
     monkeypatch.setattr("sys.stdin", io.StringIO("own\n1000\n1000 900\n" + "\n" * 6))

@@ -128,7 +128,7 @@ def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_
     led = dict.fromkeys(mimics.get(name, name) for name in path)
     drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in UNITS]
     if closed is not None:
-        drives = list(load_loops(closed).drives) or drives
+        drives = list(dict.fromkeys(mimics.get(name, name) for name in load_loops(closed).drives)) or drives
     if not drives:
         raise DescriptionError(urdf, f"no joint on the way to '{end}' slides or turns by itself; a drive must")
     aside = [name for link in ends for name in tree.moving(link) if name not in {*path, *led, *mimics}]
