@@ -34,6 +34,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
         "rank_actual": location.actual.rank,
         "freedoms": location.nominal.freedoms,
         "pose_determined": _determined(robot, location),
+        "drives_beyond_freedoms": 0 if loops.redundant_drives else len(loops.drives) - location.nominal.freedoms,
         "drives": {
             name: _at_the_edge(limits.get(name, (-math.inf, math.inf)), mechanism.unit_of(name))
             for name in loops.drives
@@ -112,6 +113,10 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
     if not robot["pose_determined"]:
         options.say(
             "  the drives do not determine the pose: name all that is driven, or another home if this one is singular"
+        )
+    elif robot["drives_beyond_freedoms"] > 0:
+        options.say(
+            "  more drives than freedoms: strike from locked_joints what the loops move, from drives what follows"
         )
     if robot["displaced_joints"]:
         options.say(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")

@@ -428,6 +428,14 @@ def test_what_a_gepetto_file_closes_is_taken_over(run, tmp_path):
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == said
 
 
+def test_joints_that_stay_locked_in_a_closed_robot_are_asked_about(run, tmp_path):
+    shutil.copytree(ROBOTS, tmp_path / "robots")
+    path = tmp_path / "robots" / "delta" / "robot.yaml"
+    assert "strike" not in run("robots", "--robot", path)[1]
+    path.write_text(path.read_text(encoding="utf-8") + "locked_joints: [arm2_elbow1]\n", encoding="utf-8")
+    assert "more drives than freedoms: strike from locked_joints" in run("robots", "--robot", path)[1]
+
+
 def test_of_a_gepetto_file_that_drives_what_follows_another_the_leader_is_driven(run, tmp_path):
     follows = FINGERS.replace(
         '<joint name="b" type="continuous">', '<joint name="b" type="continuous"><mimic joint="a"/>'
