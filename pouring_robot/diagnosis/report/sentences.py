@@ -10,14 +10,14 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import FEWEST_VALUES
-from pouring_robot.diagnosis.gap import Gap, component_unit, share_closed
+from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.part_of_a_turn import left_open
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE
 from pouring_robot.effects.facts import INERTIAS, facts_of, sources
 from pouring_robot.estimation.intervals import value_and_half_width
-from pouring_robot.estimation.kinds import Kind, component_name, unit_of
+from pouring_robot.estimation.kinds import Kind, component_name, component_shown_in, unit_of
 from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
@@ -161,7 +161,7 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
             shown = (f"{v:.4f}" if k and math.isfinite(v) else "" for v, k in zip(cells, known, strict=True))
             rows = str(gap.rows) if which == "before" else ""
             table.append((kind, "noise" if which == "floor" else which, *shown, rows))
-    names = [f"{component_name(k)} {component_unit(k)[0]}" for k in range(len(gap.before))]
+    names = [f"{component_name(k)} {component_shown_in(k)[0]}" for k in range(len(gap.before))]
     head = ("rows", "", *names[:3], "all mm", *names[3:6], "all mrad", *names[6:], "count")
     kept = [k for k in range(len(head)) if any(row[k] for row in table)]
     return tuple(head[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
