@@ -19,6 +19,7 @@ from pouring_robot.inference.evidence import Beside, largest_scale, log_mean
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import NOISE_FACTORS
 from pouring_robot.inference.processes import Process
+from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
 from pouring_robot.io.forked import forked
 from pouring_robot.mechanism.arrays import FloatArray, rms
@@ -94,7 +95,7 @@ class Discrepancy(SeenProcesses):
             densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
         return float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) - fitted.log_likelihood
 
-    def structures(self, least_evidence: float = 3.0) -> list[Structure]:
+    def structures(self, least_evidence: float = LITTLE_NATS) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""
         found = sorted((f for f in self.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
@@ -168,7 +169,7 @@ class Discrepancy(SeenProcesses):
             if best.name not in chosen.names:
                 break
 
-    def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
+    def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = LITTLE_NATS) -> tuple[str, ...]:
         """Return the conditions that would explain as much, but for some nats, in the place of a summand, best first.
 
         The summand and those beside it are what :meth:`sum` found.

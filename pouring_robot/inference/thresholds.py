@@ -19,6 +19,8 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.io.given import expect
 from pouring_robot.io.seeds import CHANCE_SEED
 
+LITTLE_NATS = 3.0
+"""Odds of 20: what is worth or tells less is little, and what is behind by less as good."""
 CHANCE_DRAWS = 1000
 _ROUNDING = 1e-13
 """Of a column's own square, what is left of it beside workmanship that takes it up whole."""

@@ -19,8 +19,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 Grouping = Literal["parameter", "part", "entry"]
 
-NORMAL_TOLERANCE_SIGMAS = 3.0
-"""The tolerance that belongs to an untruncated normal distribution, in standard deviations."""
+NORMAL_TOLERANCE_SIGMAS, WITHIN_IT = 3.0, 0.9973
+"""The tolerance that belongs to an untruncated normal distribution, in standard deviations, and the share within it."""
 _MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
@@ -180,7 +180,7 @@ class Poses(StrictModel):
 class Allocation(StrictModel):
     """The loosest tolerances that keep the requirement."""
 
-    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
+    share: float = pydantic.Field(default=WITHIN_IT, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
     # whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own
     by: Grouping = "parameter"
     loosest_factor: PositiveFloat = 10.0  # no tolerance grows beyond this many times the one in ``errors``

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
 from pouring_robot.diagnosis.part_of_a_turn import left_open
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
-from pouring_robot.diagnosis.suggest.next_measurements import LITTLE_NATS, NO_POSE
+from pouring_robot.diagnosis.suggest.next_measurements import NO_POSE
 from pouring_robot.effects.facts import INERTIAS, facts_of, sources
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, component_shown_in, unit_of
@@ -22,6 +22,7 @@ from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import CHANCE
+from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.robot.description.cause_types import AxisTilt
 

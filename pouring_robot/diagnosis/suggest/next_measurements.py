@@ -18,6 +18,7 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.io.given import whole
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
@@ -28,7 +29,6 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 USUAL_COUNT = 10
 RANDOM_SETS = 50
-LITTLE_NATS = 3.0  # measurements that tell less tell little: odds of 20
 _NO_NATS = 0.05  # what tells less tells nothing: it is said as 0.0
 _CANDIDATES = 75
 NO_POSE = "no pose tells them apart: of what is measured they do the same"

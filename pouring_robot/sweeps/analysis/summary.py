@@ -12,10 +12,11 @@ from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.sweeps.config import WITHIN_IT
 from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
 
-SHARES = (0.5, 0.95, 0.9973)
+SHARES = (0.5, 0.95, WITHIN_IT)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
 _OF_THE_CLOSED = ("largest_mm", "largest_mrad", "worst_pose", "largest_gap_mm", "largest_gap_mrad")
