@@ -389,8 +389,7 @@ def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
         Nuisance.of(linear.free),
         before.frames.T_tracker_base.rotation,
         rows.moving_drives(linear, sums_of(linear.row, len(rows))),
-        noise_known=not rows.noise.from_residuals,
-        noise_freedoms=rows.noise.freedoms,
+        rows.noise,
     )
 
 

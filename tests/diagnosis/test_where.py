@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.where.free_residuals import FreeResiduals, size_tex
 from pouring_robot.diagnosis.where.misfit import overall
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.estimation.noise import Noise, NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.problem import Nuisance
@@ -22,6 +23,7 @@ from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.model import RobotModel
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
+GUESSED = NoiseLevel({"position": Noise(source="residuals")})
 NOTHING = {"approach": None, "weight_n": None, "drive_force": None, "travels": {}, "rises": {}}
 ROBOT = RobotModel().definition
 LEGS = ("leg1", "leg2", "leg3", "leg4")
@@ -228,7 +230,9 @@ def test_what_is_not_understood_in_one_component_accuses_nothing_in_others(noise
     false = 0
     for _ in range(4):
         ripple = 1e-3 * rng.choice([-1.0, 1.0], len(given))
-        data = dataclasses.replace(seen(rng, given, moved(given, 1, ripple)), noise_known=noise_known)
+        data = dataclasses.replace(
+            seen(rng, given, moved(given, 1, ripple)), noise=NoiseLevel({}) if noise_known else GUESSED
+        )
         false += conditions_found(disagreements(data, given, 0.01)) != ["row, by chance"]
     assert false <= 1
 
@@ -263,7 +267,7 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong, monkey
     data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
     drives = tuple(dataclasses.replace(one, column=one.column / wrong) for one in data.drives)
     guessed = dataclasses.replace(
-        data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=drives, noise_known=False
+        data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=drives, noise=GUESSED
     )
     where = disagreements(guessed, given, 0.01)
     assert all(f.p_value is None for f in where.findings if f.what in ("lack of fit", "component"))
@@ -281,7 +285,7 @@ def test_each_kind_of_reading_has_its_own_noise():
     component = np.where(data.component == 2, 6, data.component)  # every third position is a distance
     std = np.select([component < 3, component < 6], [2.0, 5.0], 9.0)
     left = rng.normal(0.0, std)
-    found = dataclasses.replace(data, component=component, noise_known=False).scaled(left)
+    found = dataclasses.replace(data, component=component, noise=GUESSED).scaled(left)
     # Of 90 values a root mean square is known to 7.5 %.
     np.testing.assert_allclose(found.sigma, std * data.sigma, rtol=4 * 0.075)
 
@@ -335,7 +339,9 @@ def test_noise_from_few_repeats_is_trusted_less():
     data = dataclasses.replace(data, residual=1.3 * data.residual)
     freedoms = data.residual.size - data.nuisance.dof
     stated = overall(data, freedoms).p_value
-    estimated = overall(dataclasses.replace(data, noise_freedoms=12.0), freedoms).p_value
+    estimated = overall(
+        dataclasses.replace(data, noise=NoiseLevel({"position": Noise(SIGMA_M, "repeats", 12.0)})), freedoms
+    ).p_value
     assert stated < 1e-6
     assert estimated > 0.05
     squares = data.excess(50.0, 30.0)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from pouring_robot.estimation.kinds import are, kinds_of
-from pouring_robot.estimation.noise import LEAST_NOISE, chance_of
+from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, chance_of
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.units import MM, MRAD, shown_in
@@ -28,9 +28,12 @@ class FreeResiduals:
     nuisance: Nuisance  # what the frames can explain
     axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
     drives: tuple[Channel, ...]  # what a m or rad of each drive does
-    noise_known: bool = True  # False where ``sigma`` was guessed or taken from these very residuals
-    # degrees of freedom of an estimated noise (from repeats); infinite where it was stated
-    noise_freedoms: float = float("inf")
+    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # what tells ``sigma``; nothing: it is stated
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether ``sigma`` was not guessed or taken from these very residuals."""
+        return not self.noise.from_residuals
 
     @cached_property
     def cleared(self) -> FloatArray:
@@ -39,7 +42,7 @@ class FreeResiduals:
 
     def excess(self, squares: float, freedoms: float) -> float:
         """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
-        return chance_of(squares, freedoms, self.noise_freedoms)
+        return chance_of(squares, freedoms, self.noise.freedoms)
 
     @cached_property
     def turning(self) -> BoolArray:

@@ -21,7 +21,7 @@ _TILTS = ("tilted back", "half tilted", "tilted far forward")
 def overall(data: FreeResiduals, freedoms: int) -> Finding:
     """Return the misfit of everything against the noise, of so many degrees of freedom."""
     total = float(data.cleared @ data.cleared)
-    p_value = data.excess(total, freedoms) if data.noise_known else None
+    p_value = data.noise.chance_of(total, freedoms) if data.noise_known else None
     apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before turns
     parts = [(rms(apart[data.turning == turning]), turning) for turning in kinds]
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
