@@ -61,8 +61,13 @@ def _by_side(drives: FloatArray, random: np.random.Generator) -> FloatArray:
     return np.sign(np.diff(drives, axis=0, prepend=drives[:1]))
 
 
+def _by_chance(drives: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Each drive stands elsewhere in every row: a larger noise."""
+    return random.normal(size=drives.shape)
+
+
 Effect = Callable[[FloatArray, np.random.Generator], FloatArray]
-_EFFECTS: dict[str, Effect] = {"pose": _by_pose, "time": _by_time, "side": _by_side}
+_EFFECTS: dict[str, Effect] = {"pose": _by_pose, "time": _by_time, "side": _by_side, "chance": _by_chance}
 
 
 @dataclass(frozen=True, eq=False)
