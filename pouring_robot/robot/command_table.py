@@ -51,12 +51,16 @@ def _column(table: Table, name: str) -> FloatArray:
 def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, FloatArray | Target]:
     """Return drives (drives,), in m and rad, or targets, by line: a column a drive, or x, y, z and maybe rx, ry, rz.
 
-    Raises TableError where the file cannot be read, a heading is misspelt, or a value is missing.
+    Raises TableError where the file cannot be read, a heading is misspelt, both kinds are there, or a value is missing.
     """
     places = tuple(Quantity(name, "length", part_of="a position") for name in "xyz")
     turns = tuple(Quantity(f"r{name}", "angle", part_of="a rotation vector") for name in "xyz")
     drives = robot.drive_columns
-    posed = any(heading in q.headings for heading in read_table(path, drives[0].canonical).headings for q in places)
+    headings = read_table(path, drives[0].canonical).headings
+    posed, driven = (any(one in q.headings for one in headings for q in kind) for kind in (places, drives))
+    if posed and driven:
+        both = "drives and places both say where the robot is sent, and places may be a tracker's"
+        raise TableError(path, f"{both}; keep the columns of one kind")
     columns = (*places, *turns) if posed else drives
     table = read_quantities(path, columns, columns[0].canonical)
     for quantity in (q for q in columns if q.name in table.numbers):

@@ -311,6 +311,14 @@ def test_what_is_not_told_of_the_frames_is_said_in_one_sentence(run):
     assert "the poses do not tell, and need not: 1 tool.tx -1 base.tx; 1 tool.ty -1 base.ty; 1 tool.tz" in said
 
 
+def test_a_table_of_drives_and_places_is_no_table_of_commands(run):
+    """Measured places are a tracker's; they were commanded where they could be reached, and the drives left out."""
+    delta = ROBOTS / "delta" / "robot.yaml"
+    assert run("campaign", "simulate", "--random", "20", "--seed", "1", "--robot", delta, "--out", "poses.csv")[0] == 0
+    code, out, err = run("path", "poses.csv", "--robot", delta)
+    assert (code, out) == (2, "") and "keep the columns of one kind" in err
+
+
 def test_any_robot_is_posed_and_compensated(run, tmp_path):
     """A delta whose first arm is off by 1 mrad: sent to a place, drawn, and corrected there."""
     robot = ROBOTS / "delta" / "robot.yaml"
