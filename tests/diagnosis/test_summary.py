@@ -306,6 +306,21 @@ def test_what_goes_by_the_pose_may_be_weight_where_no_masses_are_known(diagnosed
         assert not any("could not be tested" in one for one in next_lines(other))
 
 
+def test_a_value_that_no_machine_has_is_told(hot):
+    """Legs do not shrink when they are warm; what noise puts there, or the model had already, is not spoken of."""
+    (effect,) = hot.effects
+    (main, *others), words = effect.parameters, "beyond what nature allows: expansion; something else is at work there"
+
+    def told(value, of=hot):
+        shrunk = replace(effect, parameters=(replace(main, value=value), *others))
+        return [line for line in effect_lines(of, shrunk) if line.startswith(words)]
+
+    assert main.parameter.name == "expansion" and main.parameter.bounds == (0.0, np.inf)
+    assert told(-3.0 * main.std) and not told(-2.0 * main.std) and not told(main.value)
+    known = tuple(replace(item, bounds=None) for item in hot.hypothesis.items)
+    assert not told(-3.0 * main.std, replace(hot, hypothesis=replace(hot.hypothesis, items=known)))
+
+
 def test_sources_of_an_unknown_need_keep_its_name():
     robot = RobotModel().definition
     assert sources(("humidity",), robot) == ("humidity",)

@@ -1,9 +1,10 @@
 """A diagnosis in sentences that a shop floor understands."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
+from scipy.special import stdtrit
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
@@ -178,7 +179,8 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     ]
     every = diagnosis.parameters_of(effect)
     known = diagnosis.diagnoser.library.effects[cause.effect]
-    with_care = (*known.to_read_with_care(diagnosis.rows.conditions), *left_open(diagnosis, effect))
+    beyond = _beyond_nature(diagnosis, effect, every)
+    with_care = [*known.to_read_with_care(diagnosis.rows.conditions), *left_open(diagnosis, effect), *beyond]
     if together := diagnosis.in_words(effect):  # in the place of the parameters
         return [*lines, *together, *with_care]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
@@ -196,6 +198,25 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
         lines.append("what they do together is sure, no single value of them is")
     as_zeros = as_zeros_text((name for name, _ in shown), diagnosis.rows.conditions.causes.placements.tilts)
     return [*lines, *with_care, *([as_zeros] if as_zeros else [])]
+
+
+def _beyond_nature(
+    diagnosis: Conclusions, effect: NamedEffect, every: Iterable[tuple[str, FoundParameter]]
+) -> Iterator[str]:
+    """Yield which values no machine has, where chance alone puts none of them there more often than names are false."""
+    if all(diagnosis.hypothesis.items[k].bounds is None for k in effect.cause.indices):
+        return  # of what the given model has already there may be less
+    bounded = [(name, p) for name, p in every if np.isfinite(p.parameter.bounds).any()]
+    rate, beyond = diagnosis.diagnoser.thresholds.false_names / max(len(bounded), 1), []
+    for name, found in bounded:
+        slack = -float(stdtrit(found.freedoms, rate)) * found.std
+        low, high = found.parameter.bounds
+        beyond += [plain(name)] * (not low - slack <= found.value <= high + slack)
+    if beyond:
+        yield (
+            f"beyond what nature allows: {some(beyond, _SHOWN_PARAMETERS)}; something else is at work there, or what "
+            "drives it is not as stated (masses, loads, temperatures)"
+        )
 
 
 def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:
