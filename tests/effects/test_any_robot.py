@@ -321,12 +321,14 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
 
 
 @pytest.mark.parametrize(
-    ("share", "said"), [(30.0, "+3.0000 ± 0.0012 %"), (-0.3, "-300 ± 12 ppm")], ids=["percent", "ppm"]
+    ("share", "std", "said"),
+    [(30.0, 0.006, "+3.0000 ± 0.0012 %"), (-0.3, 0.006, "-300 ± 12 ppm"), (0.0, 21.5, "+0.0 ± 4.2 %")],
+    ids=["percent", "ppm", "hardly known"],
 )
-def test_a_ratio_is_told_as_a_share(share, said):
+def test_a_ratio_is_told_as_a_share(share, std, said):
     drive, other, *_ = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition.drives
     name = f"{drive.symbol}_scale"
-    (line,) = Ratio("drive_scale", "", (drive, other)).in_words({name: share}, {name: 0.006})
+    (line,) = Ratio("drive_scale", "", (drive, other)).in_words({name: share}, {name: std})
     assert line == f"{drive.words}: it turns {said} further than its command says (95 %)"
 
 

@@ -122,7 +122,7 @@ class Ratio(Family):
         for drive in self.drives:
             if (name := f"{drive.symbol}_scale") in values:  # not in a form of another drive alone
                 share, std = MRAD * values[name], MRAD * stds.get(name, 0.0)
-                per, unit = (1e6, "ppm") if abs(share) < _SMALL else (100.0, "%")
+                per, unit = (1e6, "ppm") if max(abs(share), Z95 * std) < _SMALL else (100.0, "%")
                 told = _told(per * np.array([share, std]), unit)
                 lines.append(f"{drive.words}: it turns {told} further than its command says (95 %)")
         return tuple(lines)
