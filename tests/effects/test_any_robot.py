@@ -328,8 +328,14 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
 def test_a_ratio_is_told_as_a_share(share, std, said):
     drive, other, *_ = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition.drives
     name = f"{drive.symbol}_scale"
-    (line,) = Ratio("drive_scale", "", (drive, other)).in_words({name: share}, {name: std})
-    assert line == f"{drive.words}: it turns {said} further than its command says (95 %)"
+    ratio, told = (
+        Ratio("drive_scale", "", (drive, other)),
+        f"{drive.words}: it turns {said} further than its command says",
+    )
+    assert ratio.in_words({name: share}, {name: std}) == (f"{told} (95 %)",)
+    home = {f"{drive.symbol}_home": 10.0}  # a drive that was homed wrong is off by more than its ratio makes
+    (line,) = ratio.in_words({name: share, **home}, {name: std, **dict.fromkeys(home, 0.5)})
+    assert line == f"{told}, and is +10.00 ± 0.98 mrad off where its count is zero (95 %)"
 
 
 def yields(folder, efforts):

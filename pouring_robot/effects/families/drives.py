@@ -117,14 +117,18 @@ class Ratio(Family):
     driven_by = "angles_rad"
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
-        """By how much further each drive turns than its command says, as a share."""
+        """By how much further each drive turns than its command says, as a share, and how far off its zero then is."""
         lines = []
         for drive in self.drives:
             if (name := f"{drive.symbol}_scale") in values:  # not in a form of another drive alone
                 share, std = MRAD * values[name], MRAD * stds.get(name, 0.0)
                 per, unit = (1e6, "ppm") if max(abs(share), Z95 * std) < _SMALL else (100.0, "%")
                 told = _told(per * np.array([share, std]), unit)
-                lines.append(f"{drive.words}: it turns {told} further than its command says (95 %)")
+                line = f"{drive.words}: it turns {told} further than its command says"
+                if (home := f"{drive.symbol}_home") in values:
+                    off = _told(np.array([values[home], stds.get(home, 0.0)]), "mrad")
+                    line += f", and is {off} off where its count is zero"
+                lines.append(f"{line} (95 %)")
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
