@@ -78,17 +78,23 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
 def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
     """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
 
-    The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off. Near a
-    singular pose the first is large for a sound row, but not the second.
+    The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off, or what they
+    leave. Near a singular pose the first is large for a sound row, but not the second.
     """
     terms, pose, floors = base_residuals(campaign, data, fit)
     in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
+    drives, left = _by_drives(campaign, drawing, data, fit)
+    by_drives = [unexplained(terms, errors, floors[0]) for errors in drives.T]
+    beside = [unexplained(terms, left[:, k], floor) for k, floor in enumerate(floors)]
+    return np.asarray(np.minimum(in_pose, np.max([*by_drives, *beside], axis=0)), dtype=np.float64)
+
+
+def _by_drives(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> tuple[FloatArray, FloatArray]:
+    """Return the errors of drives that would explain each row best, and what they leave; see :func:`drive_errors`."""
+    _, pose, floors = base_residuals(campaign, data, fit)
     from_base = OuterFrames(pin.SE3.Identity(), fit.frames.T_end_target)
     effect = target_effect(drawing, data.drives, from_base, drive_parameters(drawing.mechanism))
-    units = [drive.unit for drive in campaign.robot.drives]
-    drives = drive_errors(effect, units, pose, floors[0] / floors[-1])
-    in_drives = np.max([unexplained(terms, errors, floors[0]) for errors in drives.T], axis=0)
-    return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
+    return drive_errors(effect, [drive.unit for drive in campaign.robot.drives], pose, floors[0] / floors[-1])
 
 
 def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices) -> FloatArray:

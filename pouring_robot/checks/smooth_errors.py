@@ -74,10 +74,13 @@ def target_effect(
     return effect
 
 
-def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float) -> FloatArray:
-    """Return the drive errors that would explain residuals best, (n, drives), in m; NaN where the effect is not known.
+def drive_errors(
+    effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the drive errors that would explain residuals best, (n, drives), in m, and what these leave, as residuals.
 
-    Where residuals do not fix all drives, the least such errors are returned.
+    Both are NaN where the effect is not known. Where residuals do not fix all drives, the least such errors are
+    returned; what no drive moves is left.
 
     Args:
         effect: (n, 6, drives); see :func:`target_effect`.
@@ -90,10 +93,11 @@ def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray,
     count = residual.shape[1]
     weight = np.array([1.0, 1.0, 1.0, *[metres_per_rad] * 3])[:count]
     known = np.isfinite(effect).all(axis=(1, 2))
-    inverse = np.linalg.pinv(weight[:, None] * effect[known, :count] / scale, rcond=1e-9)
+    moved = effect[:, :count] / scale
+    inverse = np.linalg.pinv(weight[:, None] * moved[known], rcond=1e-9)
     errors = np.full((len(effect), len(units)), np.nan)
     errors[known] = np.einsum("nij,nj->ni", inverse, weight * residual[known])
-    return errors
+    return errors, residual - np.einsum("nij,nj->ni", moved, errors)
 
 
 def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> FloatArray:

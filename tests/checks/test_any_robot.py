@@ -109,6 +109,17 @@ def test_up_to_a_third_of_the_rows_may_hold_another_row_s_measurement(machine, c
         assert set(found) <= set(wrong) and found.size >= 0.9 * count  # a neighbour may be near
 
 
+@pytest.mark.parametrize("full", [True, False])
+@pytest.mark.parametrize("off_m", [3e-3, 0.2])
+def test_a_gross_error_along_which_no_drive_moves_is_found(full, off_m):
+    flat = Machine(EXAMPLES / "robots" / "five_bar" / "robot.yaml")
+    position = flat.campaign.position_m.copy()
+    position[17] += off_m * TRUE_FRAMES.T_tracker_base.rotation[:, 2]
+    turns = flat.campaign.rotation_vector_rad if full else None
+    flags = check_campaign(damaged(flat.campaign, position_m=position, rotation_vector_rad=turns), flat.drawing)
+    assert wrong_rows(flags).tolist() == [17]
+
+
 @pytest.mark.parametrize("column", [0, 1, 2])
 def test_a_column_that_hung_is_no_jump(machine, column):
     position = np.array(machine.campaign.position_m)

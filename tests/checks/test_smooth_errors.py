@@ -55,10 +55,11 @@ def test_small_drive_errors_come_back_from_the_full_pose(robot_drives):
     error = 1e-6 * random.normal(size=drives.shape)
     before, after = (FRAMES.seen(nominal_poses(drawing, values)) for values in (drives, drives + error))
     effect = drive_effect(drawing, drives)
-    found = drive_errors(effect, units, after.difference(before), 1.0)
+    found, left = drive_errors(effect, units, after.difference(before), 1.0)
     reach = np.median(np.linalg.norm(effect[:, :3], axis=1), axis=0)
     scale = np.where(np.array(units) == "rad", reach, 1.0)
     np.testing.assert_allclose(found, error * scale, atol=1e-3 * np.abs(error).max())
+    np.testing.assert_allclose(left, 0.0, atol=1e-3 * np.abs(error).max())
 
 
 def test_rows_without_pose_have_no_effect(drawing):
@@ -67,7 +68,7 @@ def test_rows_without_pose_have_no_effect(drawing):
     effect = drive_effect(drawing.kinematics, drives)
     assert np.isfinite(effect).all(axis=(1, 2)).tolist() == [False, False, True, True]
     empty = PoseStack(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)))
-    errors = drive_errors(effect, ["m", "m", "m", "rad"], empty.position_m, 1.0)
+    errors, _ = drive_errors(effect, ["m", "m", "m", "rad"], empty.position_m, 1.0)
     assert np.isnan(errors[:2]).all()
     assert (errors[2:] == 0.0).all()
 
