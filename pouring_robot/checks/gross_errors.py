@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, found
+from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
 from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
 from pouring_robot.checks.smooth_errors import (
     ROWS_PER_TERM,
@@ -42,6 +42,7 @@ GROSS_SIGMAS = 8.0
 what errors of all joints explain. The deviation is that of a row against what the others foretell."""
 _PLAIN = 1.0
 _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
+_HIDING = 0.1  # share of wrong rows beyond which they set the deviation, of nine rows in ten, that they are judged by
 _TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
 _FEWEST = 12
 _TELLING_ROWS = 1000  # many times the errors of joints there are
@@ -68,11 +69,17 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
         uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
         wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
-    single = np.intersect1d(wrong, _not_together(data, fit, apart, campaign.metadata.metres_per_rad))
+    alone = _not_together(data, fit, apart, campaign.metadata.metres_per_rad)
+    single = np.intersect1d(wrong, alone)
     steps = list(jumps(campaign, data, fit, single))
     for row in (single if steps else wrong).tolist():
         yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
+    hidden = np.setdiff1d(alone[far[alone]], wrong)
+    if hidden.size > _HIDING * rows.size:  # near a singular pose small errors of drives take a sound row as far
+        by_drives = np.abs(_by_drives(campaign, drawing, data, fit)[0][hidden]).max(axis=1)
+        if np.count_nonzero(by_drives > _IMPOSSIBLE_M) > _HIDING * rows.size:
+            yield _belonging_elsewhere(campaign, hidden, float(np.median(distance[hidden])), fit.position_scale_m)
 
 
 def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
@@ -131,6 +138,15 @@ def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, sc
         others = f"{score:.0f} robust deviations from what the other rows say of its errors"
         code, said = FlagCode.OUTLIER, f"gross error, {off} from the nominal robot, {others}"
     return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
+
+
+def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance_m: float, others_m: float) -> DataFlag:
+    """Return the finding of rows (k,) that are as many as hide each other where rows are judged by the others."""
+    said = (
+        f"miss the nominal robot by {distance_m / MM:.3g} mm (median), where the others agree to {others_m / MM:.2g} mm"
+    )
+    message = f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} {said}"
+    return found(campaign, FlagCode.NO_AGREEMENT, message, rows, columns.POSITION, {"distance_mm": distance_m / MM})
 
 
 def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:

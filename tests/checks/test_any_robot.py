@@ -120,6 +120,16 @@ def test_a_gross_error_along_which_no_drive_moves_is_found(full, off_m):
     assert wrong_rows(flags).tolist() == [17]
 
 
+@pytest.mark.parametrize("right", [0.5, 0.54])
+def test_rows_that_are_wrong_from_the_middle_on_do_not_hide_each_other(gantry, right):
+    """From there on each row holds the measurement of the row before it."""
+    rows = np.arange(len(gantry.campaign))
+    late = np.where(rows < right * len(rows), rows, rows - 1)
+    turns = gantry.campaign.rotation_vector_rad[late]
+    moved = damaged(gantry.campaign, position_m=gantry.campaign.position_m[late], rotation_vector_rad=turns)
+    assert "no_agreement" in codes(check_campaign(moved, gantry.drawing))
+
+
 @pytest.mark.parametrize("column", [0, 1, 2])
 def test_a_column_that_hung_is_no_jump(machine, column):
     position = np.array(machine.campaign.position_m)
