@@ -25,7 +25,7 @@ def jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -
     """Yield the largest lasting step of each session's residuals, if there is a clear one."""
     terms, pose, floors = base_residuals(campaign, data, fit, with_time=False)
     pose[wrong] = np.nan
-    inliers = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
+    inliers = np.asarray(np.isfinite(pose).all(axis=1) & data.poses.complete)
     for session, members in campaign.rows_by_session().items():
         rows = members[inliers[members]]
         command = commands(campaign.drives[rows])

@@ -1,6 +1,7 @@
 """Checks of robots that nobody wrote them for: sound data pass, planted damage is named, real data stay unaccused."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,14 @@ def test_outliers_are_found_and_no_sound_row(machine, full):
     position[[3, 50, 77]] += 0.01
     flags = check_campaign(damaged(campaign, position_m=position), machine.drawing)
     assert wrong_rows(flags).tolist() == [3, 50, 77]
+
+
+def test_copies_of_rows_of_a_short_campaign_are_no_rows_of_a_step():
+    """So few rows tell a constant only, which would be known of copies, too: they command nothing."""
+    arm = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=32)
+    twice = arm.campaign.subset(np.repeat(np.arange(32), 2))
+    with warnings.catch_warnings(action="error"):
+        assert codes(check_campaign(twice, arm.drawing)) == {"repeated_rows"}
 
 
 @pytest.mark.parametrize("full", [True, False])
