@@ -29,7 +29,7 @@ from pouring_robot.estimation.map_fit import (
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.splits import HoldOut, blocks, split
+from pouring_robot.estimation.splits import BLOCKS, HoldOut, blocks, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
@@ -116,8 +116,12 @@ def calibrate(
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
     full = MeasuredPoses.from_campaign(campaign, noise)
-    in_turn = blocks(campaign, "time", np.setdiff1d(np.arange(len(campaign)), parts.train))
-    stretches = tuple(np.flatnonzero(np.isin(used, stretch)) for stretch in in_turn.values())
+    aside = np.setdiff1d(np.arange(len(campaign)), parts.train)
+    in_turn = [*blocks(campaign, "time", aside).values()]
+    if sessions:  # a part of each: without the whole of one nobody would know where it was measured from
+        apart = (np.array_split(own, BLOCKS) for own in blocks(campaign, "session", aside).values())
+        in_turn = [np.concatenate(some) for some in zip(*apart, strict=True)]
+    stretches = tuple(np.flatnonzero(np.isin(used, stretch)) for stretch in in_turn)
 
     def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""

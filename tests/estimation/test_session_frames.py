@@ -103,6 +103,19 @@ def test_calibration_is_as_good_as_from_one_place(name):
     assert (table["std"] > 0.99 * before["std"].reindex(table.index)).all()
 
 
+@pytest.mark.parametrize("names", ["abcdefg", "abcdefghij"])
+def test_a_session_that_is_left_out_whole_tells_nothing_of_the_scatter(names):
+    """Its frame would be anywhere: of more sessions than stretches the tool was known to 0.75, not to 0.03 mm."""
+    campaign = moved(measured("arm", 120, 3), 3, tuple(names))
+    silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    options = CalibrationOptions(parameters=("drives",), choose=False)
+    told = [
+        calibrate(dataclasses.replace(campaign, metadata=metadata), bare(MODELS["arm"]), options).ladle.std_m.max()
+        for metadata in (campaign.metadata, silent)
+    ]
+    assert told[0] <= told[1] < 3.0 * told[0]
+
+
 def test_far_setups_are_brought_together_despite_outliers():
     """The largest session stays; the others come to within what noise and the robot's errors leave."""
     campaign = measured("arm", 60, 4)
