@@ -238,6 +238,7 @@ class Diagnoser:
         parts = (
             (np.hstack([free.axes[own], *(-one.columns[own] * weights for one, weights in groups)]), left[own])
             for own in (np.isin(row, stretch) for stretch in stretches.values())
+            if own.any()
         )
         means, unheld = hypothesis.coefficients()[0], np.zeros(free.dof)
         prior = np.concatenate([unheld + _FREE, np.ones_like(means)])

@@ -131,8 +131,8 @@ class Fit:
     def inflation(self) -> float:
         """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
         larger = self.scatter()
-        sure = larger > 1.0 and self.noise.chance_of(self.chi_square(), self.freedom()) < _SURE
-        return larger if sure else 1.0
+        chance = self.noise.chance_of(self.chi_square(), self.freedom(), float(self.shares.mean()))
+        return larger if larger > 1.0 and chance < _SURE else 1.0
 
     @property
     def interval_freedoms(self) -> float:
@@ -153,7 +153,7 @@ class Fit:
         """The same by how far stretches of rows scatter the answer, see :mod:`~.jackknife`."""
         equations, root = self.equations, np.sqrt(self.weights)
         rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
-        blocks = [np.isin(equations.rows, stretch) for stretch in self.stretches]
+        blocks = [own for stretch in self.stretches if (own := np.isin(equations.rows, stretch)).any()]
         parts, place = ((rows[block], left[block]) for block in blocks), self.unknowns.values / self.prior_std
         return np.asarray(self._scale * jackknife_covariance(parts, place, freedoms=self.interval_freedoms))
 

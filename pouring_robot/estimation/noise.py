@@ -34,7 +34,10 @@ LEAST_NOISE = 1e-6
 device that robots are measured with reads better."""
 _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
-_UNSAID = -1e3  # m, kg or a side that no robot has
+_SAME_LOAD = 0.01
+"""Of the largest: a load that is weighed is never twice the same, and what a hundredth of it does is less than noise
+unless all of it does a hundred times as much."""
+_UNSAID = -1e15  # stands for no side, load or travel
 
 
 @dataclass(frozen=True)
@@ -111,15 +114,16 @@ class NoiseLevel:
                     found[kind] = replace(noise, sigma=sigma, freedoms=freedoms[kind])
         return NoiseLevel(found)
 
-    def chance_of(self, squares: float, freedoms: float) -> float:
+    def chance_of(self, squares: float, freedoms: float, share: float = 1.0) -> float:
         """Return the probability that noise alone leaves so large a sum of squares, over it, of so many freedoms.
 
         Repeats that tell it are among what is left, and apart from each other by just as much: what is left beyond them
-        is asked (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2).
+        is asked (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2). ``share`` is what a robust
+        loss leaves on average of the square of each.
         """
-        repeated = sum(noise.freedoms for noise in self.kinds.values() if math.isfinite(noise.freedoms))
+        repeated = share * sum(noise.freedoms for noise in self.kinds.values() if math.isfinite(noise.freedoms))
         beyond = freedoms - repeated
-        return chance_of(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond > 0.0 else 1.0
+        return chance_of(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond >= 1.0 else 1.0
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other's its sizes differ at most."""
@@ -233,10 +237,14 @@ def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
 
     That is with all that somebody sets, sides, loads and travels, too: what these do is no noise.
     """
-    given = (campaign.quantity(q.name) for q in campaign.robot.condition_columns if q.kind in SET)
-    settings = np.column_stack([campaign.drives, *(np.nan_to_num(v, nan=_UNSAID) for v in given if v is not None)])
+    settings = [commands(campaign.drives[rows])]
+    for quantity in campaign.robot.condition_columns:
+        if quantity.kind in SET and (values := campaign.quantity(quantity.name)) is not None:
+            largest = np.abs(np.nan_to_num(values)).max(initial=0.0) if quantity.kind == "mass" else 0.0
+            counted = np.round(values[rows] / max(_SAME_LOAD * largest, _SAME_DRIVE))
+            settings.append(np.nan_to_num(counted, nan=_UNSAID).astype(np.int64)[:, None])
     groups: dict[tuple[object, ...], list[int]] = {}
-    for row, alike in zip(rows.tolist(), commands(settings[rows]).tolist(), strict=True):
+    for row, alike in zip(rows.tolist(), np.hstack(settings).tolist(), strict=True):
         groups.setdefault((campaign.sessions[row], *alike), []).append(row)
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 

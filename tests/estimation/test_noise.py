@@ -43,6 +43,12 @@ def test_what_was_set_otherwise_is_no_repeat(repeated):
     assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 4, 6, 6]
 
 
+def test_a_load_that_is_weighed_is_the_same_within_a_hundredth(repeated):
+    weighed = 400.0 + np.random.default_rng(7).uniform(-1.0, 1.0, len(repeated))
+    campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": weighed})
+    assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 6, 6, 6]
+
+
 def test_noise_from_repeats(repeated):
     noise = noise_beforehand(repeated, np.arange(len(repeated)))
     assert noise["position"].source == noise["rotation"].source == "repeats"
@@ -82,6 +88,17 @@ def test_repeats_are_taken_from_what_their_noise_is_to_judge():
         found.append(noise.chance_of((pure + 1.5 * beyond) / (pure / 60.0), 120.0) < 0.01)
     assert kstest(chances, "uniform").pvalue > 1e-3
     assert np.mean(found) > 0.15  # 0.03, were repeats counted on both sides
+
+
+def test_repeats_count_by_as_much_as_a_robust_loss_leaves_of_all():
+    """Nine of ten equations are repeats, and 3 % of every square are not counted."""
+    random, chances = np.random.default_rng(8), []
+    for _ in range(4000):
+        pure, beyond = random.chisquare(540.0), random.chisquare(60.0)
+        noise = NoiseLevel({"position": Noise(1.0, "repeats", 540.0)})
+        chances.append(noise.chance_of(0.97 * (pure + beyond) / (pure / 540.0), 0.97 * 600.0, 0.97))
+    assert kstest(chances, "uniform").statistic < 0.05  # 0.3, were the repeats taken away whole
+    assert NoiseLevel({"position": Noise(1.0, "repeats", 540.0)}).chance_of(2e3, 540.0 + 1e-13) == 1.0
 
 
 def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
