@@ -138,7 +138,7 @@ def _worse(calibration: CalibrationFindings) -> list[str]:
     if acceptable(*calibration.held_out_scores):
         return []
     worse = _moved(calibration, *(calibration.misfit(calibration.split.test, after=a) for a in (False, True)))
-    return [f"worse on held-out rows: {worse}; do not use this model"]
+    return [f"worse on held-out rows{f': {worse}' if worse else ', row by row'}; do not use this model"]
 
 
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:

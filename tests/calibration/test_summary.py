@@ -120,6 +120,17 @@ def test_values_beyond_their_tolerances_are_told(found):
     assert [f"is {times:.1f} times as far off" in line for line in told(bad)] == [True]
 
 
+def test_rows_that_are_worse_one_by_one_are_told_though_their_values_are_not(found):
+    """Rows of one coordinate count as much as rows of three."""
+    sigma, test = found.noise.position_m, found.split.test
+    before, after = (np.full((len(found.before), 6), size * sigma) for size in (1.0, 0.65))
+    after[test[::2], 0] = 1.6 * sigma
+    for seen in (before, after):
+        seen[test[::2], 1:] = seen[:, 3:] = np.nan
+    told = warnings_of(replace(found, before=before, after=after))
+    assert "worse on held-out rows, row by row; do not use this model" in told
+
+
 def test_what_held_out_rows_bear_is_not_said_to_be_worse(found):
     """Rotations a tenth worse by chance: no more than two standard errors, while places are ten times better."""
     random = np.random.default_rng(2)
