@@ -7,7 +7,7 @@ pose and conditions explains is taken. What a fit does with those that pass:
 :mod:`pouring_robot.inference.gross_errors`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -77,9 +77,12 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
     yield from steps
     hidden = np.setdiff1d(alone[far[alone]], wrong)
     if hidden.size > _HIDING * rows.size:  # near a singular pose small errors of drives take a sound row as far
-        by_drives = np.abs(_by_drives(campaign, drawing, data, fit)[0][hidden]).max(axis=1)
+        _, pose, floors = base_residuals(campaign, data, fit)
+        by_drives = np.abs(_by_drives(campaign, drawing, data, fit, pose, floors)[0][hidden]).max(axis=1)
         if np.count_nonzero(by_drives > _IMPOSSIBLE_M) > _HIDING * rows.size:
-            yield _belonging_elsewhere(campaign, hidden, float(np.median(distance[hidden])), fit.position_scale_m)
+            yield _belonging_elsewhere(
+                campaign, hidden, float(np.median(distance[hidden])), float(np.median(angle[hidden]))
+            )
 
 
 def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
@@ -90,15 +93,16 @@ def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Frame
     """
     terms, pose, floors = base_residuals(campaign, data, fit)
     in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
-    drives, left = _by_drives(campaign, drawing, data, fit)
+    drives, left = _by_drives(campaign, drawing, data, fit, pose, floors)
     by_drives = [unexplained(terms, errors, floors[0]) for errors in drives.T]
     beside = [unexplained(terms, left[:, k], floor) for k, floor in enumerate(floors)]
     return np.asarray(np.minimum(in_pose, np.max([*by_drives, *beside], axis=0)), dtype=np.float64)
 
 
-def _by_drives(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> tuple[FloatArray, FloatArray]:
+def _by_drives(
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, pose: FloatArray, floors: Sequence[float]
+) -> tuple[FloatArray, FloatArray]:
     """Return the errors of drives that would explain each row best, and what they leave; see :func:`drive_errors`."""
-    _, pose, floors = base_residuals(campaign, data, fit)
     from_base = OuterFrames(pin.SE3.Identity(), fit.frames.T_end_target)
     effect = target_effect(drawing, data.drives, from_base, drive_parameters(drawing.mechanism))
     return drive_errors(effect, [drive.unit for drive in campaign.robot.drives], pose, floors[0] / floors[-1])
@@ -130,8 +134,7 @@ def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
 
 
 def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
-    names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
-    off = f"{distance / MM:.3g} mm" + (f" and {angle / MRAD:.3g} mrad" if campaign.full_pose else "")
+    names, off = _off(campaign, distance, angle)
     metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD, "deviations": score}
     code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
     if not far:
@@ -140,13 +143,21 @@ def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, sc
     return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
 
 
-def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance_m: float, others_m: float) -> DataFlag:
+def _off(campaign: Campaign, distance: float, angle: float) -> tuple[tuple[str, ...], str]:
+    """Return the columns that say how far a measured pose is off, in m and rad, and that in words."""
+    turned = (columns.ROTATION, f" and {angle / MRAD:.3g} mrad") if campaign.full_pose else ((), "")
+    return (*columns.POSITION, *turned[0]), f"{distance / MM:.3g} mm{turned[1]}"
+
+
+def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, angle: float) -> DataFlag:
     """Return the finding of rows (k,) that are as many as hide each other where rows are judged by the others."""
-    said = (
-        f"miss the nominal robot by {distance_m / MM:.3g} mm (median), where the others agree to {others_m / MM:.2g} mm"
+    names, off = _off(campaign, distance, angle)
+    message = (
+        f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} miss the nominal robot by "
+        f"{off} (medians), and the others agree with it"
     )
-    message = f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} {said}"
-    return found(campaign, FlagCode.NO_AGREEMENT, message, rows, columns.POSITION, {"distance_mm": distance_m / MM})
+    metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD}
+    return found(campaign, FlagCode.NO_AGREEMENT, message, rows, names, metrics)
 
 
 def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:
