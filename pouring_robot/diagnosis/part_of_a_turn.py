@@ -28,11 +28,15 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
         return ()
     terms = Counter(name for found in effect.parameters for name in found.parameter.changes)
     curves = local_changes([p.parameter for p in effect.parameters], [p.value for p in effect.parameters])
-    orders, smooth = list[str](), list[str]()
+    linear, orders, smooth = diagnosis.diagnoser.at_rest().linear, list[str](), list[str]()
+    frames = Nuisance.of(linear.free)
     for drive, angles in zip(given.robot.drives, given.drives.T, strict=True):
         if (name := channel(drive)) in curves:
             turned = turned_deg(angles)
-            seen, beside = _shown(diagnosis, name, curves[name], angles)
+            steps = (angles - angles.mean()) / (np.ptp(angles) or 1.0)
+            courses = [curves[name], *(steps**k for k in range(_SMOOTH + 1))]
+            parts = [frames.cleared(diagnosis.rows.signature({name: course}, linear)) for course in courses]
+            seen, beside = _shown(*parts)
             orders += [f"{drive.words} {turned:.0f}°"] if turned < _TELLS_ORDERS_DEG and terms[name] > 2 else []
             smooth += [f"{drive.words} {turned:.0f}°"] if beside <= hidden < seen else []
     told = {
@@ -48,14 +52,8 @@ def turned_deg(angles: FloatArray) -> float:
     return 360.0 - float(np.degrees(np.diff(seen, append=seen[0] + 2.0 * np.pi).max()))
 
 
-def _shown(diagnosis: Conclusions, name: str, curve: FloatArray, angles: FloatArray) -> tuple[float, float]:
-    """Return what fitted rows show of a drive's error (n,), and what beside smooth curves of its angles (n,), in rad.
-
-    Both are sums of squares in noise variances, beside the frames.
-    """
-    rows, linear = diagnosis.rows, diagnosis.diagnoser.at_rest().linear
-    frames, steps = Nuisance.of(linear.free), (angles - angles.mean()) / (np.ptp(angles) or 1.0)
-    courses = [curve, *(steps**k for k in range(_SMOOTH + 1))]
-    part, *terms = (frames.cleared(rows.signature({name: course}, linear)) for course in courses)
-    beside = part - np.column_stack(terms) @ np.linalg.lstsq(np.column_stack(terms), part, rcond=None)[0]
+def _shown(part: FloatArray, *terms: FloatArray) -> tuple[float, float]:
+    """Return the sum of squares of a part (m,), and of what some terms (m,) leave of it."""
+    smooth = np.column_stack(terms)
+    beside = part - smooth @ np.linalg.lstsq(smooth, part, rcond=None)[0]
     return float(part @ part), float(beside @ beside)

@@ -45,10 +45,11 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy.of(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(Thresholds(alpha).evidence_of_one_in(len(processes)), _MOST)
+        if settled := data.noise_known:
+            break
         followed = (item.part for item in found if item.process.by != CHANCE)
         left = data.scaled(data.cleared - sum(followed, np.zeros(len(data.cleared))))
-        settled = data.noise_known or np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED)
-        if settled or turn == _NOISE_ROUNDS:
+        if (settled := np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED)) or turn == _NOISE_ROUNDS:
             break
         data = left
     kinds: dict[tuple[str, bool], list[Summand]] = {}

@@ -48,6 +48,8 @@ class Spectrum:
         scale = unit_scale(matrix)
         # By QR steps: NumPy's divide and conquer ends without an answer for some of many eigenvalues near zero.
         found = eigenpy.SelfAdjointEigenSolver(matrix * scale[:, None] * scale)
+        if found.info() != eigenpy.ComputationInfo.Success:
+            raise np.linalg.LinAlgError("eigenvalues did not converge")
         return cls(scale, found.eigenvalues(), found.eigenvectors())
 
     @property
