@@ -131,8 +131,10 @@ class Fit:
     def inflation(self) -> float:
         """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
         larger = self.scatter()
+        if larger <= 1.0:  # as with nothing left over
+            return 1.0
         chance = self.noise.chance_of(self.chi_square(), self.freedom(), float(self.shares.mean()))
-        return larger if larger > 1.0 and chance < _SURE else 1.0
+        return larger if chance < _SURE else 1.0
 
     @property
     def interval_freedoms(self) -> float:
