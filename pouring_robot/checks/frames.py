@@ -319,7 +319,7 @@ class FrameChecks:
 
 def _mostly_within(values: FloatArray, low: float, high: float) -> bool:
     known = values[np.isfinite(values)]
-    return bool(np.mean((known >= low) & (known <= high)) > _NEARLY_ALL)
+    return bool(known.size) and bool(np.mean((known >= low) & (known <= high)) > _NEARLY_ALL)
 
 
 def _undone(mistakes: Iterable[Mistake], data: Comparison) -> list[tuple[Mistake, Comparison]]:
