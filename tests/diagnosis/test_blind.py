@@ -200,7 +200,7 @@ def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
 
 def test_records_come_back_whole(tmp_path, capsys):
     trial = made("single", ["base_drift"], "group", ["base_drift"], alternatives=["truss_deflection"])
-    trial = replace(trial, estimates=(Estimate("base_drift", "tx", "mm", 1.0, 0.1, 1.1),))
+    trial = replace(trial, unknown_size=0.5, estimates=(Estimate("base_drift", "tx", "mm", 1.0, 0.1, 1.1),))
     assert Trial.from_dict(trial.as_dict()) == trial
     assert trial.estimates[0].z == pytest.approx(-1.0)
     path = tmp_path / "trials.json"

@@ -154,7 +154,8 @@ def _inside_girders(layout: LayoutEntry, emissivity: float) -> scipy.sparse.csc_
             one[i, j] = 0.0 if i == j else 0.5 * abs(lengths[0, 1] + lengths[1, 0] - lengths[0, 0] - lengths[1, 1])
     one *= Stefan_Boltzmann / (2.0 / emissivity - 1.0) * truss.gauge.metres / GIRDER_CELLS
     one = np.diag(one.sum(axis=1)) - one
-    return scipy.sparse.csc_array(scipy.sparse.kron(np.eye(len(_SIDES)), np.kron(one, np.eye(GIRDER_CELLS))))
+    each_side = scipy.sparse.eye_array(len(_SIDES))
+    return scipy.sparse.csc_array(scipy.sparse.kron(each_side, np.kron(one, np.eye(GIRDER_CELLS))))
 
 
 @dataclass(frozen=True, eq=False)
