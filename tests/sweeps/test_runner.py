@@ -169,6 +169,7 @@ def test_a_lost_scheduler_is_one_line(gone):
 
 def test_workers_of_another_version_are_refused(plan, tmp_path, cluster, monkeypatch):
     monkeypatch.setattr("pouring_robot.sweeps.runner.pouring_robot.__version__", "99.0")
+    plan = SweepPlan(plan.config)  # others' keeps the version that it saw first
     with pytest.raises(SweepWorkerError, match=r"a worker runs pouring_robot 0\..*, this is 99.0"):
         run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
 
