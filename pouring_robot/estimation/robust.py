@@ -44,11 +44,15 @@ def tukey_weights(sizes: FloatArray) -> FloatArray:
     return np.where(sizes < PRELIMINARY_TUKEY_BOUND, (1.0 - (sizes / PRELIMINARY_TUKEY_BOUND) ** 2) ** 2, 0.0)
 
 
-@functools.cache
-def _quantiles(share: float) -> FloatArray:
-    """Return what chi-square of 1 to 3 freedoms stays below with a probability, (4,); 1 in place of none."""
+def _quantiles(share: float, counts: Indices) -> FloatArray:
+    """Return what chi-square of so many freedoms, (n,), stays below with a probability, (n,); 1 in place of none."""
     # Of scipy.special: importing scipy.stats takes longer than many a calibration.
-    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
+    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in _sizes(counts))])[counts]
+
+
+def _sizes(counts: Indices) -> range:
+    """Return how many components the blocks of so many each, (n,), may have: three of a place, any of closures."""
+    return range(1, int(counts.max(initial=0)) + 1)
 
 
 def _blocks(equations: Equations) -> tuple[Indices, FloatArray, Indices]:
@@ -61,9 +65,9 @@ def _blocks(equations: Equations) -> tuple[Indices, FloatArray, Indices]:
 def typical_size(equations: Equations) -> float:
     """Return the median size of the blocks over what noise makes it, at least 1."""
     _, squared, counts = _blocks(equations)
-    median = _quantiles(0.5)
     kept = counts > 0
-    return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
+    median = _quantiles(0.5, counts[kept])
+    return max(1.0, float(np.sqrt(np.median(squared[kept] / median)))) if kept.any() else 1.0
 
 
 def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
@@ -72,7 +76,7 @@ def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tupl
     ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
-    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_FIT_INLIER_SHARE))[counts], loss)
+    cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_FIT_INLIER_SHARE, counts)), loss)
     return float(cost.sum()), weight[blocks]
 
 
@@ -82,13 +86,14 @@ def noise_shares(equations: Equations, loss: Loss) -> FloatArray:
     Proposal 2 of Huber, Robust Statistics (1981), holds a scale to this: a slip counts no more than its bound.
     """
     blocks, _, counts = _blocks(equations)
-    return np.array([1.0, *(_noise_share(loss, k) for k in (1, 2, 3))])[counts][blocks]
+    return np.array([1.0, *(_noise_share(loss, k) for k in _sizes(counts))])[counts][blocks]
 
 
 @functools.cache
 def _noise_share(loss: Loss, components: int) -> float:
     nodes, weights = scipy.special.roots_genlaguerre(64, 0.5 * components - 1.0)  # half a chi-square is a gamma
-    _, weight = _weighed(2.0 * nodes, np.full(64, np.sqrt(_quantiles(_FIT_INLIER_SHARE)[components])), loss)
+    bound = np.sqrt(_quantiles(_FIT_INLIER_SHARE, np.full(nodes.size, components)))
+    _, weight = _weighed(2.0 * nodes, bound, loss)
     return float((weights * weight**2) @ nodes / (weights @ nodes))
 
 

@@ -40,9 +40,11 @@ def test_scatter_is_one_for_noise_and_follows_what_is_larger():
     assert typical_size(equations([])) == 1.0
 
 
+@pytest.mark.parametrize("components", [None, 7 + np.arange(60_000) % 6], ids=["poses", "six closures"])
 @pytest.mark.parametrize("loss", ["huber", "soft_l1", "linear"])
-def test_noise_makes_of_weighted_squares_what_is_said(loss):
-    noise = equations(np.random.default_rng(1).normal(size=60_000))
+def test_noise_makes_of_weighted_squares_what_is_said(loss, components):
+    noise = equations(np.random.default_rng(1).normal(size=60_000), components)
+    assert typical_size(noise) == pytest.approx(1.0, abs=0.02)
     _, weights = robust_terms(noise, loss)
     found, said = (weights * noise.residual) ** 2, noise_shares(noise, loss)
     assert found.mean() == pytest.approx(said.mean(), rel=4.0 * np.sqrt(2.0 / 60_000))  # four standard errors
