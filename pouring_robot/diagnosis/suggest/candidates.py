@@ -151,7 +151,7 @@ class Prospect:
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
-        self.components = int(new.sum()) // len(possible)  # measured of a pose, 3 or 6
+        self.components = int(new.sum()) // len(possible)  # measured of a pose, 1 to 6
         known = diagnosis.diagnoser.library
         tried = {effect for effect, _ in known.forms}
         chosen = {name: effect for name, effect in known.effects.items() if name in tried}
@@ -205,16 +205,21 @@ def _alike(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:
-    """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
+    """Return a campaign with the possible measurements behind its rows, as the drawing predicts them.
+
+    Of these nobody measures what was measured in no row of the campaign: one coordinate, say, or all turns.
+    """
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pose * inner for pose in possible.poses]
+    place = np.array([pose.translation for pose in seen])
+    turn = rotation_vectors(np.array([pose.rotation for pose in seen]))
     session = next(iter(by_size(campaign)), SESSION) if campaign.metadata.own_frames else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,
-        "position_m": np.array([pose.translation for pose in seen]),
-        "rotation_vector_rad": rotation_vectors(np.array([pose.rotation for pose in seen])),
+        "position_m": np.where(campaign.position_measured.any(axis=0), place, np.nan),
+        "rotation_vector_rad": np.where(campaign.rotation_measured.any(axis=0), turn, np.nan),
         "force": None,
         "distance_m": None,
     }
