@@ -6,6 +6,7 @@ may refuse the whole: a single yes or no to what was chosen without it, so there
 stays as it was.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,7 @@ import numpy as np
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.intervals import student
 from pouring_robot.estimation.kinds import KINDS, kind_of
 from pouring_robot.estimation.map_fit import FitOptions, identify
 from pouring_robot.estimation.measurement import ModelledRows, Unknowns
@@ -76,9 +78,20 @@ def row_scores(residual: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def mean_and_error(values: FloatArray) -> tuple[float, float]:
-    """Return the mean of the finite values and its standard error; zeros if there are none."""
+    """Return the mean of the finite values and its standard error, infinite for one; zeros if there are none."""
     known = values[np.isfinite(values)]
-    return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
+    if known.size < 2:
+        return (float(known[0]), math.inf) if known.size else (0.0, 0.0)
+    return float(known.mean()), float(known.std(ddof=1) / np.sqrt(known.size))
+
+
+def by_chance(values: FloatArray, standard_errors: float) -> float:
+    """Return by how much the mean of the finite values may be off by chance, in so many of its standard errors.
+
+    As seldom more than that as a normal value by so many, though so few values tell the error (Student's t).
+    """
+    freedoms = int(np.isfinite(values).sum()) - 1
+    return student(standard_errors, freedoms) * mean_and_error(values)[1] if freedoms >= 0 else 0.0
 
 
 def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
@@ -88,16 +101,17 @@ def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> b
     noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
     way, so that the standard error of next to nothing is smaller still.
     """
-    harm = [mean_and_error(column) for column in (after - before).T]
-    return all(mean <= max(standard_errors * error, _NEGLIGIBLE) for mean, error in harm)
+    harm = (after - before).T
+    return all(mean_and_error(one)[0] <= max(by_chance(one, standard_errors), _NEGLIGIBLE) for one in harm)
 
 
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
     """Return whether held-out rows bear a calibration, by their scores (n, kinds) without and with it.
 
     They do unless all kinds of measurement together come out worse, or one of them does by more than two standard
-    errors; see :func:`harmless`.
+    errors; see :func:`harmless`. A row that the robot as it was takes, and the calibrated one cannot, is worse.
     """
+    after = np.where(np.isfinite(before) & np.isnan(after), _FAILED, after)
     together = sum(mean_and_error(column)[0] for column in (after - before).T)
     return together <= 0.0 and harmless(before, after, _STANDARD_ERRORS)
 
@@ -177,8 +191,9 @@ def select_groups(
 
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, kinds)."""
-    gain, error = mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
-    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and harmless(present, trial, 1.0)
+    gains = np.nanmean(np.log1p(present) - np.log1p(trial), axis=1)
+    helps = mean_and_error(gains)[0] > by_chance(gains, _STANDARD_ERRORS) > 0.0
+    return *mean_and_error(gains), helps and harmless(present, trial, 1.0)
 
 
 def _rms(scores: FloatArray) -> float:

@@ -10,16 +10,26 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtr, stdtrit
 
 from pouring_robot.mechanism.arrays import FloatArray
 
 Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
 
 
+def student(deviations: float, freedoms: float) -> float:
+    """Return what Student's t of so many degrees of freedom exceeds as seldom as a normal value exceeds deviations.
+
+    Without any degree of freedom nothing is known of a standard deviation: infinite.
+    """
+    if math.isinf(freedoms):
+        return deviations
+    return float(stdtrit(freedoms, ndtr(deviations))) if freedoms > 0.0 else math.inf
+
+
 def deviations95(freedoms: float) -> float:
     """Return half the 95 % interval in standard deviations that so many degrees of freedom tell: Student's t."""
-    return Z95 if math.isinf(freedoms) else float(stdtrit(freedoms, 0.975))
+    return student(Z95, freedoms)
 
 
 def largest_std(directions: FloatArray, covariances: Iterable[FloatArray]) -> FloatArray:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
-from pouring_robot.calibration.selection import acceptable, harmless, mean_and_error, row_scores
+from pouring_robot.calibration.selection import acceptable, by_chance, harmless, mean_and_error, row_scores
 
 SIGMA = np.array([2.0, 2.0, 2.0, 0.5, 0.5, 0.5])
 
@@ -16,8 +17,26 @@ def test_scores_are_mean_squares_over_the_noise():
     residual = np.array([[2.0, 4.0, 6.0, 0.5, 0.0, 1.0], [2.0, np.nan, np.nan, np.nan, np.nan, np.nan]])
     found = row_scores(residual, SIGMA)
     np.testing.assert_allclose(found, [[14.0 / 3.0, 5.0 / 3.0, np.nan, np.nan], [1.0, np.nan, np.nan, np.nan]])
-    assert mean_and_error(np.array([1.0, 3.0, np.nan])) == pytest.approx((2.0, 1.0 / np.sqrt(2.0)))
+    assert mean_and_error(np.array([1.0, 3.0, np.nan])) == pytest.approx((2.0, 1.0))
+    assert mean_and_error(np.array([3.0])) == (3.0, np.inf)
     assert mean_and_error(np.full(3, np.nan)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("rows", [2, 3, 12])
+def test_of_few_rows_no_more_is_refused_by_chance(rows):
+    """A normal value is beyond two standard deviations in 2.3 %; of three rows it was 12 %."""
+    found = np.random.default_rng(rows).normal(size=(4000, rows))
+    beyond = np.mean([mean_and_error(row)[0] > by_chance(row, 2.0) for row in found])
+    assert beyond == pytest.approx(ndtr(-2.0), abs=4.0 * np.sqrt(ndtr(-2.0) / 4000))
+    assert by_chance(np.array([3.0]), 2.0) == np.inf
+    assert by_chance(np.full(3, np.nan), 2.0) == 0.0
+
+
+def test_a_row_that_the_calibrated_robot_cannot_take_is_worse():
+    before, after = scores(np.full(20, 9.0), np.full(20, 4.0)), scores(np.full(20, 1.0), np.full(20, 1.0))
+    after[3] = np.nan
+    assert not acceptable(before, after)
+    assert acceptable(np.where(np.isnan(after), np.nan, before), after)
 
 
 def test_better_passes_and_worse_does_not():
