@@ -23,7 +23,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists
-from pouring_robot.mechanism.closure.solver import RANK_TOLERANCE, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import LEAST_SINGULAR_VALUE, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.local_parameters import DriveParameter, LocalParameter
 
 _MOVES = 1e-6
@@ -65,7 +65,7 @@ def disagreement(
     rows = weight * state.jacobian.reshape(-1, energy.model.nv)
     driven = rows @ mechanism.coupling[:, mechanism.drive_columns]
     left, sizes, _ = np.linalg.svd(rows @ energy.basis)
-    held = left[:, np.count_nonzero(sizes > RANK_TOLERANCE) :]
+    held = left[:, np.count_nonzero(sizes > LEAST_SINGULAR_VALUE) :]
     turned, moved, _ = np.linalg.svd(held.T @ driven)
     if held.shape[1] < count or moved[count - 1] < _MOVES:
         raise BadInputError(f"the drives do not disagree in {count} ways here; are all loops needed, and all drives?")

@@ -28,7 +28,7 @@ from pouring_robot.report.result import Result
 
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
 # of interest start at a micrometre or a microradian.
-RANK_TOLERANCE = 1e-8
+LEAST_SINGULAR_VALUE = 1e-8
 # A joint idles if it has at least this share in a motion that opens no loop.
 _IDLE_SHARE = 1e-6
 
@@ -149,7 +149,7 @@ class ClosureResult(ReadOnly, Result):
     @functools.cached_property
     def rank(self) -> int:
         """Rank of the loops' Jacobian over all joints that move: freedoms = joint freedoms - rank."""
-        return int(np.linalg.matrix_rank(self._loop_rows(self.mechanism.closing_columns), RANK_TOLERANCE))
+        return int(np.linalg.matrix_rank(self._loop_rows(self.mechanism.closing_columns), LEAST_SINGULAR_VALUE))
 
     def _loop_rows(self, columns: Indices) -> FloatArray:
         """Return how the loops open with the given velocity columns and what follows them; (6 loops, columns)."""
@@ -167,7 +167,7 @@ class ClosureResult(ReadOnly, Result):
         mechanism = self.mechanism
         columns = mechanism.passive_columns
         _, values, directions = np.linalg.svd(self._loop_rows(columns))
-        idle = directions[np.count_nonzero(values > RANK_TOLERANCE) :] @ mechanism.coupling[:, columns].T
+        idle = directions[np.count_nonzero(values > LEAST_SINGULAR_VALUE) :] @ mechanism.coupling[:, columns].T
         moving = set(np.flatnonzero((np.abs(idle) > _IDLE_SHARE).any(axis=0)).tolist())
         return tuple(name for name, own in mechanism.joint_columns.items() if moving.intersection(own))
 
