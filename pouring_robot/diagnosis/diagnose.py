@@ -16,7 +16,7 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
-from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left, share_left
+from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.library import Library
@@ -268,8 +268,8 @@ class _Work:
         diagnoser, at = asked.diagnoser, None
         for _ in range(_NOISE_ROUNDS):
             after, hypothesis = diagnoser.found(start, at)
-            noise, share, component = diagnoser.rows.noise, share_left(hypothesis), after.fitted_rows.component
-            freedoms = {kind: share * float(are(kind, component).sum()) for kind in noise.measured}
+            noise, component = diagnoser.rows.noise, after.fitted_rows.component
+            freedoms = {kind: float(hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
             left = noise_left(noise, after, hypothesis)
             better = asked.diagnoser.rows.noise.told_by(left, freedoms, self.options.false_names)
             found = _Searched(asked, diagnoser, after, hypothesis, better.apart(noise) < _NOISE_SETTLED)

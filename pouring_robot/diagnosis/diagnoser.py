@@ -299,12 +299,5 @@ class Diagnoser:
 
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
-    left = hypothesis.remainder
-    free = np.full(len(left), share_left(hypothesis))
-    return noise.left_over(noise.measured, after.fitted_rows.component, left, free, fewest=0.0)
-
-
-def share_left(hypothesis: Hypothesis) -> float:
-    """Return what share of the equations' freedoms a hypothesis leaves over."""
-    spent = hypothesis.effective_dof() + hypothesis.problem.nuisance.dof
-    return 1.0 - spent / len(hypothesis.remainder)
+    component = after.fitted_rows.component
+    return noise.left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)

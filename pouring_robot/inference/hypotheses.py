@@ -319,6 +319,16 @@ class Hypothesis:
         """What is left of the residual, (m,)."""
         return np.asarray(self.problem.residual - sum(self._parts, np.zeros(len(self.problem.residual))))
 
+    @functools.cached_property
+    def freedom(self) -> FloatArray:
+        """What noise leaves on average of the square of each equation's residual, (m,): one minus its leverage."""
+        leverage, spread = np.square(self.problem.nuisance.axes).sum(axis=1), self.coefficients()[1]
+        for some in chunks(len(leverage)):
+            own = [one.columns[some] * weights for one, weights in zip(self.fitted, self.weights(), strict=True)]
+            columns = np.hstack([np.zeros((len(leverage[some]), 0)), *own])
+            leverage[some] += (columns @ spread * columns).sum(axis=1)
+        return np.asarray(1.0 - leverage)
+
     @property
     def deletion_residual(self) -> FloatArray:
         """What each equation's residual would be if it took no part, over its standard deviation, (m,).
@@ -326,12 +336,7 @@ class Hypothesis:
         What is left over the root of one minus the equation's leverage (Cook & Weisberg, Residuals and influence in
         regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
         """
-        leverage, spread = np.square(self.problem.nuisance.axes).sum(axis=1), self.coefficients()[1]
-        for some in chunks(len(leverage)):
-            own = [one.columns[some] * weights for one, weights in zip(self.fitted, self.weights(), strict=True)]
-            columns = np.hstack([np.zeros((len(leverage[some]), 0)), *own])
-            leverage[some] += (columns @ spread * columns).sum(axis=1)
-        return np.asarray(self.remainder / np.sqrt((1.0 - leverage).clip(min=_ALONE)))
+        return np.asarray(self.remainder / np.sqrt(self.freedom.clip(min=_ALONE)))
 
     def covariance(self, indices: Sequence[int]) -> FloatArray:
         """Return the covariance of the coefficients of some items together, over the usual ones, (k, k)."""
@@ -398,11 +403,6 @@ class Hypothesis:
         if not total > 0.0 or (item.main.all() and limits is None):
             return 1.0
         return self.explained_by(item, (index,), limits) / total
-
-    def effective_dof(self) -> float:
-        """Return how many coefficients the data determine, each counted by how far."""
-        spread = self.coefficients()[1]
-        return float(len(spread) - spread.trace())
 
 
 @functools.cache

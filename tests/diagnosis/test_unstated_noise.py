@@ -1,10 +1,16 @@
 """Noise that nobody states: what few repeats tell of it, smaller than it is by chance, and what is left over tells."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from pouring_robot import RobotModel, diagnose
 from pouring_robot.diagnosis import DiagnosisOptions
+from pouring_robot.diagnosis.diagnoser import noise_left
+from pouring_robot.estimation.noise import Noise, NoiseLevel
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.problem import Problem
 from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import SIGMA_M, damaged, measure
@@ -51,6 +57,21 @@ def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
     assert found.noise.position_m == pytest.approx(SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
     assert found.noise.rotation_rad == pytest.approx(100.0 * SIGMA_M, rel=3.0 / np.sqrt(2.0 * 80.0))
     assert not any("still changed" in note for note in found.notes)
+
+
+def test_of_each_kind_what_was_spent_on_it_is_taken_off():
+    """Frames take nine of thirty freedoms of ten places, and none of what redundant drives disagree by."""
+    rng, component = np.random.default_rng(3), np.repeat([0, 1, 2, 7], 10)
+    frames = np.vstack([rng.normal(size=(30, 9)), np.zeros((10, 9))])
+    after = SimpleNamespace(fitted_rows=SimpleNamespace(component=component))
+    kinds = ("position", "closure")
+    unit = NoiseLevel({kind: Noise(1.0, "residuals") for kind in kinds})
+    squares = []
+    for _ in range(1000):
+        found = Hypothesis.nothing(Problem.build(rng.normal(size=40), frames, (), ()))
+        squares.append([noise_left(unit, after, found)[kind].sigma ** 2 for kind in kinds])
+    errors = np.sqrt(2.0 / np.array([21.0, 10.0]) / 1000)
+    assert (np.abs(np.mean(squares, axis=0) - 1.0) < 4.0 * errors).all()
 
 
 def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
