@@ -22,6 +22,8 @@ from pouring_robot.io.seeds import CHANCE_SEED
 LITTLE_NATS = 3.0
 """Odds of 20: what is worth or tells less is little, and what is behind by less as good."""
 CHANCE_DRAWS = 1000
+_FEWEST_BEYOND = 10
+"""Draws that must be beyond a level to tell it: their number is then known to a third, and the level to 0.3 nats."""
 _ROUNDING = 1e-13
 """Of a column's own square, what is left of it beside workmanship that takes it up whole."""
 _POWER = 0.8
@@ -93,6 +95,10 @@ def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> fl
     A parametric bootstrap at the fitted null: noise and workmanship at their most probable level, and nothing else.
     Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
     products through C for covariance, so that no residual has to be drawn.
+
+    What fewer than ten draws would tell follows from what ten tell: under the null a log evidence of x is exp(-x) times
+    as likely as where something is at work, where more is no likelier than less, so that it is exceeded by a nat more
+    in a share of 1/e at most.
     """
     problem, every = null.problem, np.arange(len(null.problem.gram.projected), dtype=np.intp)
     inner = null.everything.inner(every, every)
@@ -115,4 +121,5 @@ def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> fl
                 problem.shaping_units[item.key],
             )
             largest = np.maximum(largest, found + problem.log_priors[item.effect])
-    return float(np.quantile(largest, 1.0 - rate))
+    told = max(rate, min(_FEWEST_BEYOND / draws, 1.0))
+    return float(np.quantile(largest, 1.0 - told) + np.log(told / rate))

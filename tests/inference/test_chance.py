@@ -48,6 +48,15 @@ def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     assert low <= beyond <= high
 
 
+def test_a_rate_that_few_draws_tell_is_kept_all_the_same(null):
+    """Of 200,000 draws no more are beyond than that rate of them, where one of a thousand stood for it."""
+    often, seldom = chance_level(null, 0.01, 1000), chance_level(null, 1e-4, 1000)
+    assert seldom == pytest.approx(often + np.log(100.0), rel=1e-12)
+    many = [chance_level(null, rate, 200_000) for rate in (0.01, 1e-4)]
+    assert seldom - often >= many[1] - many[0]
+    assert seldom - often < many[1] - many[0] + 2.0
+
+
 def test_columns_that_are_far_longer_than_others_make_no_chance(rng):
     """Heavy arms yield a billion times what their noise is: rounding of the one is not what the other sees."""
     effects, longest = library(rng, count=4), 1e9 * rng.normal(size=(ROWS, 3))
