@@ -207,8 +207,9 @@ class GroupLine:
 def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     """Return what each group kept does at the target, to first order about the answer; the largest first."""
     fit, noise = calibration.fit, calibration.noise
-    jacobian = fit.equations.derivatives
-    frames, components = jacobian[:, :FRAMES], fit.equations.components
+    jacobian, components = fit.equations.derivatives, fit.equations.components
+    parameters = sum(len(group.parameters) for group in calibration.selection.groups)
+    frames = np.delete(jacobian, slice(FRAMES, FRAMES + parameters), axis=1)  # those of sessions stand last
     turned, long = are("rotation", components), are(noise.length_kind, components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:

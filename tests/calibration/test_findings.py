@@ -67,3 +67,13 @@ def test_what_a_group_does_is_told_in_places_where_distances_were_measured_besid
     places = left[equations.components < 3] * SIGMA_M * 1e3
     (line,) = group_effects(found)
     assert line.moved_mm == pytest.approx(np.sqrt((places**2).mean()), rel=1e-6)
+
+
+def test_what_frames_of_sessions_would_do_as_well_a_group_does_not(found):
+    """Their columns stand behind those of the parameters: here they do what the parameters of all groups do."""
+    jacobian = found.fit.equations.derivatives
+    equations = dataclasses.replace(found.fit.equations, jacobian=np.hstack([jacobian, jacobian[:, FRAMES:]]))
+    beside = dataclasses.replace(found, fit=dataclasses.replace(found.fit, equations=equations))
+    for line, alone in zip(group_effects(beside), group_effects(found), strict=True):
+        assert alone.moved_mm > 1e-3
+        assert line.moved_mm < 1e-9
