@@ -37,7 +37,6 @@ _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
 _SAME_LOAD = 0.01
 """Of the largest: a load that is weighed is never twice the same, and what a hundredth of it does is less than noise
 unless all of it does a hundred times as much."""
-_UNSAID = -1e15  # stands for no side, load or travel
 
 
 @dataclass(frozen=True)
@@ -241,12 +240,24 @@ def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
     for quantity in campaign.robot.condition_columns:
         if quantity.kind in SET and (values := campaign.quantity(quantity.name)) is not None:
             largest = np.abs(np.nan_to_num(values)).max(initial=0.0) if quantity.kind == "mass" else 0.0
-            counted = np.round(values[rows] / max(_SAME_LOAD * largest, _SAME_DRIVE))
-            settings.append(np.nan_to_num(counted, nan=_UNSAID).astype(np.int64)[:, None])
+            settings.append(_levels(values[rows], max(_SAME_LOAD * largest, _SAME_DRIVE))[:, None])
     groups: dict[tuple[object, ...], list[int]] = {}
     for row, alike in zip(rows.tolist(), np.hstack(settings).tolist(), strict=True):
         groups.setdefault((campaign.sessions[row], *alike), []).append(row)
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+
+
+def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
+    """Return values (n,) as numbers that are equal where one is less than so far above the least of them; NaN: -1.
+
+    Counted from the values themselves: steps of a scale would part readings that lie on both sides of one.
+    """
+    found, level, least = np.full(values.size, -1, dtype=np.int64), -1, -np.inf
+    for k in np.argsort(values)[: np.isfinite(values).sum()]:
+        if values[k] >= least + apart:
+            level, least = level + 1, values[k]
+        found[k] = level
+    return found
 
 
 def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:

@@ -49,6 +49,15 @@ def test_a_load_that_is_weighed_is_the_same_within_a_hundredth(repeated):
     assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 6, 6, 6]
 
 
+@pytest.mark.parametrize("load", [400.0, 402.5, 492.5])
+def test_a_load_is_the_same_wherever_on_the_scale_it_is(repeated, load):
+    """A quarter of a hundredth apart, also about what is a half of a hundredth of the largest."""
+    weighed = np.where(np.arange(len(repeated)) % 2, load - 0.6, load + 0.6)
+    weighed[np.concatenate(repeats(repeated, np.arange(len(repeated))))[-1]] = 500.0
+    campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": weighed})
+    assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 6, 6, 5]
+
+
 def test_noise_from_repeats(repeated):
     noise = noise_beforehand(repeated, np.arange(len(repeated)))
     assert noise["position"].source == noise["rotation"].source == "repeats"
