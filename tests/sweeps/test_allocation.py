@@ -64,6 +64,16 @@ def test_the_distance_is_kept_exactly_at_the_worst_pose():
     assert found.quantile_m == pytest.approx(quantiles, rel=1e-6)
 
 
+def test_what_hardly_matters_stands_at_the_cap():
+    """Three errors that act along x, y and z, all alike, and one that does next to nothing."""
+    strengths = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1e-3, 1e-3, 1e-3]])
+    found = allocate(np.array([[np.diag(s**2) for s in strengths]]), np.ones(4), 10.0, SHARE, 10.0)
+    assert found.capped.tolist() == [False, False, False, True]
+    assert found.factors[3] == pytest.approx(10.0, rel=1e-3)
+    assert found.factors[:3] == pytest.approx(10.0 / scipy.stats.chi.ppf(SHARE, 3), rel=1e-3)
+    assert found.quantile_m.max() <= 10.0 * (1.0 + 1e-9)
+
+
 def test_distance_quantiles_against_draws_and_known_laws():
     spreads = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0], [3.0, 1.0, 0.5]])
     found = distance_quantiles(np.array([np.diag(s**2) for s in spreads]), 0.95)

@@ -13,8 +13,9 @@ each group weighted with its number of parameters:
 
 A concave problem with linear constraints, infinitely many of them, solved by cutting planes: the direction in which a
 pose scatters most, at the poses that violate the requirement most, becomes a constraint; the relaxed problem is a
-geometric program in log u. k is the two-sided normal quantile of the wanted share. In the end all factors are scaled
-alike until the share of the robots whose *distance* (three coordinates, not one) is within R is met at the worst pose.
+geometric program in log u. k is the two-sided normal quantile of the wanted share. In the end R is lowered here until
+the share of the robots whose *distance* (three coordinates, not one) is within the requirement is met at the worst
+pose: that scales all factors alike but those that the cap still holds.
 Cutting planes that do not settle, and poses at which the robot does not close, raise NoSolutionError.
 """
 
@@ -44,6 +45,7 @@ from pouring_robot.sweeps.store import AXES
 _CUTS_A_ROUND = 8
 _ROUNDS = 200
 _TIGHT = 1e-7  # relative violation that counts as none
+_SCALED = 1e-4  # share by which all factors, those at the cap too, are scaled in the end
 _ROUND_OFF = 1e-9  # of what the strongest error moves
 _DIRECTIONS = 64
 VERIFIED_POSES = 64
@@ -93,15 +95,21 @@ def allocate(
     Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
     group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
     """
-    allowed = (requirement_m / scipy.special.ndtri(0.5 + 0.5 * share)) ** 2
-    relative = covariances / allowed
-    squares = _cutting_planes(relative, weights, cap**2, progress)
-    total = np.einsum("g,pgij->pij", squares, covariances)
-    quantiles = distance_quantiles(total, share)
-    scale = min(1.0, requirement_m / float(quantiles.max()))
+    along, scale = requirement_m / scipy.special.ndtri(0.5 + 0.5 * share), 1.0
+    for _ in range(_ROUNDS):
+        along *= scale
+        squares = _cutting_planes(covariances / along**2, weights, cap**2, progress)
+        quantiles = distance_quantiles(np.einsum("g,pgij->pij", squares, covariances), share)
+        scale = min(1.0, requirement_m / float(quantiles.max()))
+        if scale > 1.0 - _SCALED or not _capped(squares, cap).any():
+            break
     held = np.argsort(-quantiles, kind="stable")
     tight = [int(p) for p in held[:_CUTS_A_ROUND] if quantiles[p] > 0.99 * quantiles.max()]
-    return AllocatedFactors(scale * np.sqrt(squares), squares > 0.999 * cap**2, scale * quantiles, tuple(tight))
+    return AllocatedFactors(scale * np.sqrt(squares), _capped(squares, cap), scale * quantiles, tuple(tight))
+
+
+def _capped(squares: FloatArray, cap: float) -> BoolArray:
+    return np.asarray(squares > 0.999 * cap**2)
 
 
 def _cutting_planes(relative: FloatArray, weights: FloatArray, cap: float, progress: Progress) -> FloatArray:
