@@ -112,13 +112,15 @@ def pose_performance(
 
 
 def _figures(before: FloatArray, after: FloatArray) -> list[float]:
-    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad."""
-    accuracies, repeatabilities = [], []
+    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad; NaN of what fewer than three say."""
+    accuracies, repeatabilities = list[float](), list[float]()
     for part, unit in ((slice(0, 3), MM), (slice(3, 6), MRAD)):
-        accuracies += [float(np.linalg.norm(one[:, part].mean(axis=0))) / unit for one in (before, after)]
+        whole = [one[np.isfinite(one[:, part]).all(axis=1), part] / unit for one in (before, after)]
+        was, left = (one if len(one) >= _FEWEST_REPEATS else np.full((_FEWEST_REPEATS, 3), np.nan) for one in whole)
+        accuracies += [float(np.linalg.norm(one.mean(axis=0))) for one in (was, left)]
         # Repeats share their prediction, so that differences scatter as the measurements do.
-        lengths = np.linalg.norm(after[:, part] - after[:, part].mean(axis=0), axis=1)
-        repeatabilities.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
+        lengths = np.linalg.norm(left - left.mean(axis=0), axis=1)
+        repeatabilities.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)))
     return accuracies + repeatabilities
 
 

@@ -48,3 +48,14 @@ def test_accuracy_and_repeatability_by_hand():
     lengths = np.array([1.0, 1.0, 0.0])
     assert found.rp_mrad == pytest.approx(lengths.mean() + 3.0 * lengths.std(ddof=1))
     assert pose_performance(measured, before, after, [np.array([3, 4])]) is None
+
+
+def test_a_repeat_without_its_turn_does_not_hide_the_turns_of_the_others():
+    after = np.zeros((4, 6))
+    after[:, 3] = [2e-3, 2e-3, 2e-3, np.nan]
+    measured = MeasuredPoses(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)), 1e-3, 1e-3)
+    found = pose_performance(measured, 2.0 * after, after, [np.arange(4)])
+    assert (found.ap_before_mrad, found.ap_after_mrad, found.rp_mrad) == pytest.approx((4.0, 2.0, 0.0))
+    after[:2, 3] = np.nan  # one of them alone is no pose that was measured repeatedly
+    found = pose_performance(measured, after, after, [np.arange(4)])
+    assert found.ap_after_mm == 0.0 and np.isnan([found.ap_after_mrad, found.rp_mrad]).all()
