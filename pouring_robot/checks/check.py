@@ -15,6 +15,7 @@ from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wrong_rows
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.gross_errors import check_rows
+from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
@@ -39,8 +40,9 @@ class Examination:
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
     poses = nominal_poses(drawing, campaign.drives)
-    campaign, found = in_frames_of_their_own(campaign, poses)
-    found += check_columns(campaign)
+    found = list(check_columns(campaign, held_rows(campaign, drawing)))
+    campaign, moved = in_frames_of_their_own(campaign, poses)
+    found += moved
     campaign = without_copies(campaign)
     frames = FrameChecks(campaign, drawing)
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]

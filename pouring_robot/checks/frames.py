@@ -230,7 +230,7 @@ class FrameChecks:
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
         fit, mirrored = self.data.fit(1.0, rotations=False), None
-        for _ in range(3):
+        for _ in range(3 if np.isfinite(self.data.spread_m) else 0):  # one place tells of no unit or axis
             # One column of three hardly shows in a robust misfit.
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
                 break

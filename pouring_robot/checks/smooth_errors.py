@@ -10,6 +10,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.checks.held import at_one_place
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
@@ -37,7 +38,8 @@ def base_residuals(
 
     A missing cell is filled by what the other rows say of it; the noise is that of each column.
     """
-    terms, stated = _smooth_terms(campaign, data.poses, with_time), campaign.metadata
+    terms = _smooth_terms(campaign, at_one_place(campaign, data.poses), with_time)
+    stated = campaign.metadata
     seen = [(fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
     if fit.rotation_residual_rad is not None:
         seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or LEAST_NOISE))

@@ -1,0 +1,80 @@
+"""Rows whose target was put to a place, as a ball into a socket, told from a sensor that hung."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign.nominal import nominal_poses
+from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.flags import FlagCode, Severity
+from tests.campaign.simulated import codes
+from tests.checks.test_any_robot import EXAMPLES, Machine
+
+BALL = np.array([0.02, -0.03, 0.12])  # where the ball sits on the tool, in m
+ZEROS = 1e-3 * np.array([0.0, 4.0, -6.0, 5.0, -4.0, 0.0])  # rad, by which the drives of the arm stand off
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=200)
+
+
+def ball(arm, drives):
+    """Return where the ball of the real arm is, (n, 3), in m, for commands."""
+    poses = nominal_poses(arm.drawing, drives + ZEROS)
+    return poses.position_m + poses.rotation @ BALL
+
+
+def brought(arm, drives, places):
+    """Return commands (n, 6) near others that bring the ball to places (n, 3)."""
+    small = 1e-6 * np.eye(6)
+    for _ in range(60):
+        off = places - ball(arm, drives)
+        slope = np.stack([(ball(arm, drives + step) - ball(arm, drives)) / 1e-6 for step in small], axis=2)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope), off)
+        drives = drives + step * np.minimum(1.0, 0.2 / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+    there = np.linalg.norm(places - ball(arm, drives), axis=1) < 1e-9
+    return drives[there & (np.abs(drives) < np.pi).all(axis=1) & arm.drawing.in_reach(arm.drawing.starts(drives))]
+
+
+def measured(arm, drives, places, **changes):
+    """Return a campaign of places alone, (n, 3), in m, that the drives went to, (n, 6)."""
+    rows = arm.campaign.subset(np.arange(len(drives)))
+    rows = rows.with_conditions(ambient=None)
+    return dataclasses.replace(rows, drives=drives, position_m=places, rotation_vector_rad=None, **changes)
+
+
+def stuck(flags):
+    return [flag.severity for flag in flags if flag.code == FlagCode.STUCK_COLUMN]
+
+
+@pytest.mark.parametrize("sockets", [1, 2])
+def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, sockets):
+    """Many commands, each with another attitude, to a socket: what tells of an arm without any device."""
+    free = arm.campaign.drives
+    seats = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])[:sockets]
+    into = [brought(arm, free, ball(arm, free[[7]]) + seat + np.zeros((len(free), 3)))[:25] for seat in seats]
+    stated = np.repeat(seats, [len(drives) for drives in into], axis=0)
+    flags = check_campaign(measured(arm, np.concatenate(into), stated), arm.drawing)
+    assert stuck(flags) == [Severity.NOTE]
+    assert f"stood still{f' at each of {sockets} places' if sockets > 1 else ''} while" in str(flags)
+    assert codes(flags) <= {FlagCode.STUCK_COLUMN, FlagCode.NO_TEMPERATURES}
+
+
+def test_a_tracker_that_hung_while_drives_moved_as_they_like_is_an_error(arm):
+    place = np.array(arm.campaign.position_m)
+    place[40:60] = place[40]
+    flags = check_campaign(measured(arm, arm.campaign.drives, place), arm.drawing)
+    assert stuck(flags) == [Severity.ERROR] * 3
+
+
+def test_a_column_that_hung_is_found_where_sessions_have_frames_of_their_own(arm):
+    """Brought into the frame of another session it would vary."""
+    seen = np.array(arm.campaign.position_m)
+    seen[100:] = seen[100:] @ np.array([[0.6, -0.8, 0.0], [0.64, 0.48, -0.6], [0.48, 0.36, 0.8]]).T
+    seen[150:160, 2] = seen[150, 2]
+    metadata = arm.campaign.metadata.model_copy(update={"frames": "per session"})
+    sessions = ("1",) * 100 + ("2",) * 100
+    flags = check_campaign(measured(arm, arm.campaign.drives, seen, sessions=sessions, metadata=metadata), arm.drawing)
+    assert stuck(flags) == [Severity.ERROR]
