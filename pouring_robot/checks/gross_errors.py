@@ -18,10 +18,11 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
 from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
 from pouring_robot.checks.smooth_errors import (
     ROWS_PER_TERM,
+    TELLING_ROWS,
     base_residuals,
     drive_errors,
     foretelling,
-    joint_effect,
+    joint_terms,
     leftover,
     robust_fit,
     sized,
@@ -45,7 +46,6 @@ _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
 _HIDING = 0.1  # share of wrong rows beyond which they set the deviation, of nine rows in ten, that they are judged by
 _TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
 _FEWEST = 12
-_TELLING_ROWS = 1000  # many times the errors of joints there are
 
 
 def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
@@ -71,7 +71,7 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     alone = _not_together(data, fit, apart, campaign.metadata.metres_per_rad)
     single = np.intersect1d(wrong, alone)
-    steps = list(jumps(campaign, data, fit, single))
+    steps = list(jumps(campaign, drawing, data, fit, single))
     for row in (single if steps else wrong).tolist():
         yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
@@ -115,12 +115,9 @@ def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
     """
     smooth, pose, floors = base_residuals(campaign, data, fit)
-    used = np.union1d(rows, evenly(len(campaign), _TELLING_ROWS))
-    effect, small = joint_effect(campaign.robot, drawing, data.drives[used], fit.frames)
-    frames = fit.frames.jacobian(data.poses[used]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
-    turn = np.kron(np.eye(2), fit.frames.T_tracker_base.rotation.T)
-    terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(floors)] / np.array(floors)[:, None]
-    terms, residual = terms.reshape(used.size * len(floors), -1), pose[used] / floors
+    used = np.union1d(rows, evenly(len(campaign), TELLING_ROWS))
+    terms = joint_terms(campaign, drawing, data, fit, used, floors).reshape(used.size * len(floors), -1)
+    residual = pose[used] / floors
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
         return np.full(rows.size, np.inf)

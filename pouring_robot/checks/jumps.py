@@ -1,18 +1,19 @@
 """Jumps: places in a session from which on all measurements are shifted, as where tracker or target was moved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
-from pouring_robot.checks.smooth_errors import base_residuals, robust_fit
+from pouring_robot.checks.smooth_errors import ROWS_PER_TERM, TELLING_ROWS, base_residuals, joint_terms, robust_fit
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.noise import commands
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.robot.description.drawing import Drawing
 
 _JUMP_SIGMAS = 5.0
 """A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
@@ -21,7 +22,7 @@ _JUMP_PLACES = 400
 _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 
 
-def jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
+def jumps(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
     """Yield the largest lasting step of each session's residuals, if there is a clear one."""
     terms, pose, floors = base_residuals(campaign, data, fit, with_time=False)
     pose[wrong] = np.nan
@@ -34,12 +35,14 @@ def jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Indices) -
         # With more terms than a quarter of the rows, they would explain any step.
         kept = terms[:, : max(1, rows.size // 4)]
         if rows.size >= 2 * JUMP_WINDOW:
-            yield from _jump(campaign, session, rows, kept[rows], pose[rows], np.array(floors))
+            jump = _jump(campaign, session, rows, kept[rows], pose[rows], np.array(floors))
+            if jump is not None and _beside_joints(campaign, drawing, data, fit, pose, floors, rows, jump.rows[0]):
+                yield jump
 
 
 def _jump(
     campaign: Campaign, session: str, rows: Indices, terms: FloatArray, pose: FloatArray, floors: FloatArray
-) -> Iterator[DataFlag]:
+) -> DataFlag | None:
     """Fit a step at every place beside the smooth terms, keep the one that explains most, and judge it robustly."""
     places = np.unique(np.linspace(JUMP_WINDOW, len(rows) - JUMP_WINDOW, _JUMP_PLACES).astype(int))
     steps = (np.arange(len(rows))[:, None] >= places).astype(float)
@@ -57,11 +60,11 @@ def _jump(
     told = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
     size = float(told * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
     if size < _JUMP_SIGMAS:
-        return
+        return None
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
     large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
     turn = f" and {angle / MRAD:.3g} mrad" if pose.shape[1] > 3 else ""
-    yield found(
+    return found(
         campaign,
         FlagCode.MEASUREMENT_JUMP,
         f"from about line {campaign.lines[row]} on all measurements are shifted by {distance / MM:.3g} mm{turn} "
@@ -71,3 +74,34 @@ def _jump(
         {"step_mm": distance / MM, "step_mrad": angle / MRAD, "deviations": size},
         severity=Severity.WARNING if large else Severity.NOTE,
     )
+
+
+def _beside_joints(
+    campaign: Campaign,
+    drawing: Drawing,
+    data: Comparison,
+    fit: FrameFit,
+    pose: FloatArray,
+    floors: Sequence[float],
+    rows: Indices,
+    first: int,
+) -> bool:
+    """Return whether residuals of a session's rows (k,) step from one on beside what errors of all joints do, too.
+
+    Where an arm changes to another posture, or all at one place change sides, errors of its joints step with it. A
+    campaign that is too short to tell joints from a step has one.
+    """
+    used = np.union1d(rows, evenly(len(campaign), TELLING_ROWS))
+    within = np.column_stack([np.isin(used, rows), np.isin(used, rows[rows >= first])]).astype(float)
+    steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
+    terms = joint_terms(campaign, drawing, data, fit, used, floors)
+    design = np.concatenate([terms, steps.reshape(used.size, len(floors), -1)], axis=2).reshape(pose[used].size, -1)
+    values = (pose[used] / floors).ravel()
+    known = np.isfinite(values) & np.isfinite(design).all(axis=1)
+    if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(design[known]):
+        return True
+    coefficients, _, scale = robust_fit(design, values, 1.0)
+    share = np.mean(rows >= first)
+    variance = np.diag(np.linalg.pinv(design[known].T @ design[known], hermitian=True))[-len(floors) :]
+    told = 1.0 / np.sqrt(variance * rows.size * share * (1.0 - share))
+    return bool((told * np.abs(coefficients[-len(floors) :]) > _JUMP_SIGMAS * scale).any())

@@ -17,7 +17,7 @@ from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.frames.starts import TURNING
 from pouring_robot.estimation.noise import LEAST_NOISE
 from pouring_robot.estimation.robust import huber_weights, tukey_weights
-from pouring_robot.io.units import shown_in
+from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -25,6 +25,7 @@ from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 ROWS_PER_TERM = 4  # rows that a term of a smooth function needs
+TELLING_ROWS = 1000  # many times the errors of joints there are
 _RIDGE = 1e-3
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
 _GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
@@ -58,6 +59,20 @@ def joint_effect(
     catalogue = ParameterCatalogue(robot, drawing.mechanism)
     local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
     return target_effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
+
+
+def joint_terms(
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices, floors: Sequence[float]
+) -> FloatArray:
+    """Return what small errors of all joints and of the two frames do to the residuals of rows (k,), in their noise.
+
+    Shape (k, 3 or 6, terms), in base axes, as :func:`base_residuals`; NaN where there is no pose.
+    """
+    effect, small = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
+    frames = fit.frames.jacobian(data.poses[rows]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
+    turn = np.kron(np.eye(2), fit.frames.T_tracker_base.rotation.T)
+    terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(floors)]
+    return np.asarray(terms / np.array(floors)[:, None])
 
 
 def target_effect(

@@ -1,4 +1,4 @@
-"""Rows whose target was put to a place, as a ball into a socket, told from a sensor that hung."""
+"""Rows whose target was put to a place, and arms that change their posture: neither is a fault of the tracker."""
 
 import dataclasses
 
@@ -13,6 +13,7 @@ from tests.checks.test_any_robot import EXAMPLES, Machine
 
 BALL = np.array([0.02, -0.03, 0.12])  # where the ball sits on the tool, in m
 ZEROS = 1e-3 * np.array([0.0, 4.0, -6.0, 5.0, -4.0, 0.0])  # rad, by which the drives of the arm stand off
+ELBOW_UP_AND_DOWN = np.array([[0.66, 1.41, -1.87, 0.24, 1.51, -3.26], [0.66, 0.91, -0.89, 0.28, 1.05, -3.38]])  # rad
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +79,13 @@ def test_a_column_that_hung_is_found_where_sessions_have_frames_of_their_own(arm
     sessions = ("1",) * 100 + ("2",) * 100
     flags = check_campaign(measured(arm, arm.campaign.drives, seen, sessions=sessions, metadata=metadata), arm.drawing)
     assert stuck(flags) == [Severity.ERROR]
+
+
+@pytest.mark.parametrize(("first", "told"), [(60, False), (12, True)])
+def test_an_arm_that_changes_its_posture_is_no_tracker_that_was_moved(arm, first, told):
+    """Elbow up in the first half, down in the second, around one pose of the tool: errors of drives step with it."""
+    random = np.random.default_rng(3)
+    drives = np.repeat(ELBOW_UP_AND_DOWN, 30, axis=0) + 0.1 * random.normal(size=(60, 6))
+    place = ball(arm, drives) + 2e-5 * random.normal(size=(60, 3))
+    place[first:] += 0.005
+    assert (FlagCode.MEASUREMENT_JUMP in codes(check_campaign(measured(arm, drives, place), arm.drawing))) == told
