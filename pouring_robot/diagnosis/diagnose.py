@@ -310,7 +310,7 @@ class _Work:
             judgement=judgement,
             misfit=misfit,
             parameters=parameters,
-            effects=diagnoser.named(parameters, hypothesis, judgement.causes),
+            effects=diagnoser.named(parameters, hypothesis, judgement),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,

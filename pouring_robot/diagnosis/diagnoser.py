@@ -1,7 +1,7 @@
 """The search of a diagnosis: what is found is put into the robot, which is linearised again until nothing moves."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import blocks
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.decision import Judgement
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import WORKMANSHIP_FORM, Nuisance, Problem
 from pouring_robot.inference.processes import Channel, sums_of
@@ -245,13 +245,14 @@ class Diagnoser:
         found = jackknife_covariance(parts, np.concatenate([unheld, means]), prior, self.rows.noise.freedoms)
         return found[free.dof :, free.dof :]
 
-    def named(self, found: FoundByKey, hypothesis: Hypothesis, causes: Iterable[Cause]) -> tuple[NamedEffect, ...]:
-        """Return causes that a hypothesis makes with their parameters, found as :meth:`parameters_of` has them."""
+    def named(self, found: FoundByKey, hypothesis: Hypothesis, judgement: Judgement) -> tuple[NamedEffect, ...]:
+        """Return the causes of a judgement with their parameters, found as :meth:`parameters_of` has them."""
         known, effects, named = dict(found), self.library.effects, []
-        for cause in causes:
+        for cause in judgement.causes:
             keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
             parameters = tuple(one for key in keys for one in known[key])
-            named.append(NamedEffect(cause, effects[cause.effect].story, parameters))
+            nearest = cause.effect in judgement.doubtful
+            named.append(NamedEffect(cause, nearest, effects[cause.effect].story, parameters))
         return tuple(named)
 
     def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> Channel:

@@ -66,12 +66,12 @@ class Findings:
     @property
     def firm(self) -> tuple[NamedEffect, ...]:
         """Effects that no description explains nearly as well, where something is unknown."""
-        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.doubtful)
+        return tuple(e for e in self.effects if not e.nearest)
 
     @property
     def nearest(self) -> tuple[NamedEffect, ...]:
         """Effects that may only stand in for something unknown: a description explains nearly as well, or better."""
-        return tuple(e for e in self.effects if e.cause.effect in self.judgement.doubtful)
+        return tuple(e for e in self.effects if e.nearest)
 
     @functools.cached_property
     def noise_left(self) -> NoiseLevel | None:

@@ -32,9 +32,11 @@ class NamedEffect:
     """A named effect with its parameters."""
 
     cause: Cause  # what may be said of it
+    nearest: bool  # whether it may only stand in for something unknown; its probability says nothing then
     story: str  # one line for people
     parameters: tuple[FoundParameter, ...]  # main ones first
 
     def __repr__(self) -> str:
         """Return its id, its form and how sure it is: its parameters hold a number for each row."""
-        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {sure_text(self.cause.probability)}>"
+        sure = "may stand in for something unknown" if self.nearest else sure_text(self.cause.probability)
+        return f"<NamedEffect: {self.cause.effect}, {self.cause.form}, {sure}>"

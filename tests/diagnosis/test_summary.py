@@ -205,6 +205,9 @@ def test_what_may_not_be_named_is_unknown_and_described(excluded):
     assert figures["reasons"]
     firm, nearest = ({e["effect"] for e in figures[key]} for key in ("effects", "nearest"))
     assert not firm & nearest
+    # At a prompt, too, what may only stand in for the unknown is not sure.
+    assert nearest and {e.cause.effect for e in excluded.effects if "sure" not in repr(e)} == nearest
+    assert all("may stand in for something unknown" in repr(e) for e in excluded.nearest)
     # The machine is faultless: what is no noise is the step, whatever known effects take up of it.
     step = np.sqrt(excluded.hypothesis.problem.given_size**2 - 1.0)
     assert figures["unknown_size_in_noise"] == pytest.approx(step, rel=0.05)
