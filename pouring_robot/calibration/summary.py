@@ -54,10 +54,12 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
             "back: state what this robot's are (--tolerances)"
         )
     if calibration.inflation > 1.0:
+        dropped = ", ".join(_dropped(calibration))
+        or_them = f", or what was not kept ({dropped}; --keep-all keeps all)" if dropped else ""
         found.append(
-            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; intervals are "
-            "those of a noise as large, or of how far rows of other times move the fit where that is more; what the "
-            "effect does in a pose is not in them"
+            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect{or_them}; intervals "
+            "are those of a noise as large, or of how far rows of other times move the fit where that is more; what "
+            "the effect does in a pose is not in them"
         )
     if calibration.noise.from_residuals:
         said = "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
@@ -84,14 +86,17 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
             f"{len(held)} of {len(lines)} parameters are, each by itself, held by their tolerances ({some(held, 6)}); "
             "what the data determine of them are combinations, listed by name"
         )
-    dropped = [group.name for group in calibration.candidates if group not in calibration.selection.groups]
-    if dropped:
+    if dropped := _dropped(calibration):
         found.append(
             f"not needed to predict rows held out, so taken as exact: {', '.join(dropped)}; where they are off, what "
             "was kept moves in their place, by more than its interval says: trust the predicted pose more than the "
             "names of what moved"
         )
     return found
+
+
+def _dropped(calibration: CalibrationFindings) -> list[str]:
+    return [group.name for group in calibration.candidates if group not in calibration.selection.groups]
 
 
 def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:

@@ -48,7 +48,12 @@ def test_warnings(found):
     fit = found.fit
     larger = replace(fit.equations, residual=3.0 / fit.scatter() * fit.equations.residual)
     large = replace(found, fit=replace(fit, equations=larger))
-    assert any("3.00 times the noise" in line for line in warnings_of(large))
+    assert any("3.00 times the noise: the model lacks an effect" in line for line in warnings_of(large))
+    # Groups that few rows did not tell from chance may be what is left, too.
+    kept = large.selection.groups
+    more = replace(large, candidates=(*kept, replace(kept[0], name="others")))
+    assert any("or what was not kept (others; --keep-all keeps all)" in line for line in warnings_of(more))
+    assert not any("not kept" in line for line in warnings_of(replace(large, candidates=kept)))
 
 
 def test_what_is_worse_is_told_of_every_kind(found):
