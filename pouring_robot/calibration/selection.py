@@ -132,6 +132,11 @@ class _CrossValidation:
         self._folds = [
             [measured.among(part[evenly(part.size, _MOST_ROWS)]) for part in fold] for fold in split.validations
         ]
+        if not self._folds:
+            raise CalibrationError(
+                "no block of the rows to fit can be foretold by others, so nothing says which groups help",
+                "measure each attitude of the target in several places, or keep all groups (--keep-all)",
+            )
         self._frames = [first_frames(frames_only[used], seen) for (used, seen), _ in self._folds]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
@@ -166,6 +171,8 @@ def select_groups(
     A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
     neither their positions nor their rotations get worse by more than one standard error and visibly; of several, the
     one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end.
+
+    Raises CalibrationError where no block can be foretold by others, so that nothing would be tried.
     """
     validate = _CrossValidation(rows, measured, split, tolerances, options or FitOptions())
     kept: list[ParameterGroup] = []

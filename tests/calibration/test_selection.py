@@ -1,5 +1,7 @@
 """Selection: what helps held-out rows is kept, what does not is not, and the test block is never looked at."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,15 @@ def test_the_test_block_plays_no_part(case, drawing):
     first, second = (choose(case, drawing, measured) for measured in (virtual.measured, spoilt))
     assert first.steps == second.steps
     assert [g.name for g in first.groups] == [g.name for g in second.groups]
+
+
+def test_nothing_is_said_to_help_nobody_where_nothing_could_be_tried(case, drawing):
+    """Two blocks of which each alone tells a direction of the frames: none can be foretold by the other."""
+    virtual, parts = case
+    first, last = np.array_split(parts.train, 2)
+    apart = dataclasses.replace(parts, folds=(first, last), told=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0])))
+    with pytest.raises(CalibrationError, match="no block of the rows to fit can be foretold"):
+        select_groups(virtual.rows, virtual.measured, apart, groups_of(drawing, "centres"), Tolerances.load())
 
 
 def test_a_group_that_cannot_be_fitted_is_not_kept(case, drawing, monkeypatch):
