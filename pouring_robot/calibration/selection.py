@@ -152,8 +152,10 @@ class _CrossValidation:
                 scores[judged[told]] = _FAILED
                 continue
             prediction = rows[judged].predict(fit.unknowns)
-            scores[judged[told]] = row_scores(seen.residual(prediction), seen.sigma)[told]
-            scores[judged[told & ~prediction.closed]] = _FAILED
+            found = row_scores(seen.residual(prediction), seen.sigma)
+            # The row itself does not close, or the one that its reading starts from.
+            found[~prediction.closed | np.isnan(found).all(axis=1)] = _FAILED
+            scores[judged[told]] = found[told]
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 
 

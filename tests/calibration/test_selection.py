@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.selection import _judge, select_groups
+from pouring_robot.calibration.selection import _judge, row_scores, select_groups
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError
@@ -55,6 +55,21 @@ def test_nothing_is_said_to_help_nobody_where_nothing_could_be_tried(case, drawi
     apart = dataclasses.replace(parts, folds=(first, last), told=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0])))
     with pytest.raises(CalibrationError, match="no block of the rows to fit can be foretold"):
         select_groups(virtual.rows, virtual.measured, apart, groups_of(drawing, "centres"), Tolerances.load())
+
+
+def test_a_reading_from_a_row_that_is_not_predicted_speaks_against_a_group(case, drawing, monkeypatch):
+    """As a distance from another row, which a group bends out of reach: its own closes, and nothing is told of it."""
+    _, parts = case
+    folds, judged = len(parts.validations), []
+
+    def scores(residual, sigma):
+        found = row_scores(residual, sigma)
+        judged.append(len(found))
+        found[: len(judged) > folds] = np.nan
+        return found
+
+    monkeypatch.setattr("pouring_robot.calibration.selection.row_scores", scores)
+    assert choose(case, drawing, case[0].measured).groups == ()
 
 
 def test_a_group_that_cannot_be_fitted_is_not_kept(case, drawing, monkeypatch):
