@@ -107,6 +107,8 @@ def test_stretches_are_asked_where_more_may_be_left_than_noise(wandering):
     assert (told >= np.sqrt(np.diagonal(fit.inflated_covariance))).all()
     assert (told > 1.5 * np.sqrt(np.diagonal(fit.inflated_covariance))).any()
     assert len(replace(fit, stretches=()).covariances) == 1
+    unmeasured = np.array([99])
+    assert len(replace(fit, stretches=(np.arange(60), unmeasured)).covariances) == 1
     sound = replace(fit, equations=replace(fit.equations, residual=0.01 * fit.equations.residual))
     assert len(sound.covariances) == 1
     assert len(replace(sound, noise=NoiseLevel({"position": Noise(source="residuals")})).covariances) == 2
