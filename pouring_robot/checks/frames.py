@@ -41,6 +41,7 @@ _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""
 _HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05  # misfits above these no robot's errors explain
 _HOPELESS_SHARE = 0.02  # of the spread of the measured positions: large robots may be off by more
+_ROUGH = "if the robot is so far off, as a wrist that ropes drive, all is well; else check the rows and the drawing"
 _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
@@ -219,13 +220,16 @@ class FrameChecks:
         code, names = FlagCode.NOT_COMPARED, columns.POSITION
         self.flags.append(found(self.campaign, code, message, turned_only, names, figures, severity=severity))
 
-    def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
+    def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str, *, roughly: bool = False) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
         message = (
-            f"drives and measurements do not agree: {headings} miss the nominal robot by {misfit:.3g} {unit}, "
-            "whatever the two frames, and no usual mistake of units or frames explains it"
+            f"drives and measurements {'agree only roughly' if roughly else 'do not agree'}: {headings} miss the "
+            f"nominal robot by {misfit:.3g} {unit}, whatever the two frames, and no usual mistake of units or frames "
+            "explains it"
         )
-        self._found(FlagCode.NO_AGREEMENT, message, names, {f"misfit_{unit}": misfit})
+        code, figures = FlagCode.NO_AGREEMENT, {f"misfit_{unit}": misfit}
+        severity, remedy = (Severity.WARNING, _ROUGH) if roughly else (Severity.ERROR, "")
+        self.flags.append(found(self.campaign, code, message, (), names, figures, severity=severity, remedy=remedy))
 
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
@@ -312,8 +316,10 @@ class FrameChecks:
             self._found(best.code, best.message, best.names, metrics)
             self.data = dict(tried)[best]
         elif before > _HOPELESS_RAD:
-            self._no_agreement(columns.ROTATION, before / MRAD, "mrad")
-            self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
+            # A wrist whose ropes yield is off by degrees, and yet goes where it is sent.
+            follows = before < _GAIN * self.data.turned_rad
+            self._no_agreement(columns.ROTATION, before / MRAD, "mrad", roughly=follows)
+            self.data = self.data if follows else dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
 
 

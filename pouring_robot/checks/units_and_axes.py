@@ -70,6 +70,12 @@ class Comparison:
         """
         return min(self.spread_m, max(_spread(self.poses.position_m), _UNITS_APART * self.spread_m))
 
+    @property
+    def turned_rad(self) -> float:
+        """Median angle by which commanded rotations are turned from their middle, in rad; of a large one its chord."""
+        rotation = self.poses.rotation[self.poses.complete]
+        return float(np.median(np.linalg.norm(rotation - rotation.mean(axis=0), axis=(1, 2)))) / math.sqrt(2.0)
+
     @functools.cached_property
     def affine(self) -> FloatArray | None:
         """The linear map from commanded to measured positions, (3, 3), rigid for sound data; None: it says little."""

@@ -149,6 +149,17 @@ def test_a_column_that_hung_is_no_jump(machine, column):
     assert set(60 + np.flatnonzero(far)) <= set(wrong_rows(flags)) <= set(range(60, 76))
 
 
+@pytest.mark.parametrize(("scatter_rad", "severity"), [(0.12, Severity.WARNING), (0.5, Severity.ERROR)])
+def test_a_wrist_that_is_degrees_off_and_follows_its_commands_is_not_refused(scatter_rad, severity):
+    """The wrist of a surgical robot that ropes drive was off by 7 deg, of 60 that it turned to either side."""
+    arm, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml"), np.random.default_rng(4)
+    turned = rotation_matrices(scatter_rad * random.normal(size=(120, 3)))
+    seen = rotation_vectors(turned @ rotation_matrices(arm.campaign.rotation_vector_rad))
+    found = examine(damaged(arm.campaign, rotation_vector_rad=seen), arm.drawing)
+    assert [flag.severity for flag in found.flags if flag.code == FlagCode.NO_AGREEMENT] == [severity]
+    assert (found.comparison.rotation_vector_rad is not None) == (severity is Severity.WARNING)
+
+
 def elsewhere(campaign, rows, shift_m, turn_rad):
     """Return a campaign in which the tracker stood elsewhere in some rows."""
     position, turned = np.array(campaign.position_m), rotation_matrices(np.array(campaign.rotation_vector_rad))
