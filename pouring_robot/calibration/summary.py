@@ -36,7 +36,8 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # below, and by the rows that are left out
     weighty = (flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told)
-    found = [flag.message for flag in weighty]
+    limits = (flag for flag in calibration.flags if flag.code is FlagCode.UNREACHABLE_DRIVES)  # may leave out many
+    found = [flag.message for flag in (*limits, *weighty)]
     if calibration.refused:
         moved = _moved(calibration, calibration.refused.before, calibration.refused.after)
         found.append(

@@ -32,7 +32,7 @@ from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import CampaignError, FrameFitError
-from pouring_robot.io.units import MM, MRAD
+from pouring_robot.io.units import MM, MRAD, joint_shown
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, robust_sigma
 from pouring_robot.mechanism.joint_limits import in_limits
 from pouring_robot.robot.description.drawing import Drawing
@@ -42,6 +42,7 @@ _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 _HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05  # misfits above these no robot's errors explain
 _HOPELESS_SHARE = 0.02  # of the spread of the measured positions: large robots may be off by more
 _ROUGH = "if the robot is so far off, as a wrist that ropes drive, all is well; else check the rows and the drawing"
+_LIMITS = "if the robot stood there, correct the limits in the URDF; else check the drives' columns and units"
 _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
@@ -173,18 +174,36 @@ class FrameChecks:
         self.flags.append(found(self.campaign, code, message, rows, names, metrics))
 
     def _unreachable(self) -> None:
-        complete = np.isfinite(self.data.drives).all(axis=1)
-        rows = np.flatnonzero(complete & (self._beyond(self.data.drives).any(axis=1) | ~self.data.poses.complete))
-        if rows.size:
-            message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
-            names = columns.drive_names(self.campaign.robot)
-            if wound := self._whole_turns_beyond(rows):
-                names = tuple(self.campaign.robot.drives[k].column for k in wound)
-                headings = ", ".join(f"'{self.campaign.heading(name)}'" for name in names)
-                several = len(names) > 1
-                message += f": there {headings} stand{'s' * (not several)} whole turns beyond the limits of the "
-                message += f"joint{'s' * several}, as encoders that wrap do; count on within them"
-            self._found(FlagCode.UNREACHABLE_DRIVES, message, names, {"rows": float(rows.size)}, rows)
+        drives, remedy = self.data.drives, ""
+        beyond = self._beyond(drives)
+        complete = np.isfinite(drives).all(axis=1)
+        rows = np.flatnonzero(complete & (beyond.any(axis=1) | ~self.data.poses.complete))
+        if not rows.size:
+            return
+        message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
+        names = columns.drive_names(self.campaign.robot)
+        if wound := self._whole_turns_beyond(rows):
+            names = tuple(self.campaign.robot.drives[k].column for k in wound)
+            headings = ", ".join(f"'{self.campaign.heading(name)}'" for name in names)
+            several = len(names) > 1
+            message += f": there {headings} stand{'s' * (not several)} whole turns beyond the limits of the "
+            message += f"joint{'s' * several}, as encoders that wrap do; count on within them"
+        elif beyond[rows].any(axis=1).all():
+            names, far = self._over(rows)
+            message += f": beyond the limits of its joint is {far}"
+            remedy = _LIMITS
+        figures, code = {"rows": float(rows.size)}, FlagCode.UNREACHABLE_DRIVES
+        self.flags.append(found(self.campaign, code, message, rows, names, figures, remedy=remedy))
+
+    def _over(self, rows: Indices) -> tuple[tuple[str, ...], str]:
+        """Return the columns of the drives that are beyond their limits in rows (k,), and by how much, in words."""
+        values, robot = self.data.drives[rows], self.campaign.robot
+        far, names, said = np.fmax(self._lower - values, values - self._upper).max(axis=0), list[str](), list[str]()
+        for k in np.flatnonzero(self._beyond(values).any(axis=0)):
+            size, unit = joint_shown(float(far[k]), robot.drives[k].unit)
+            names.append(robot.drives[k].column)
+            said.append(f"'{self.campaign.heading(names[-1])}' by up to {size:.3g} {unit}")
+        return tuple(names), ", ".join(said)
 
     def _whole_turns_beyond(self, rows: Indices) -> list[int]:
         """Return the drives that whole turns would bring within their limits in all of some rows; none if not all."""

@@ -338,6 +338,17 @@ def test_an_encoder_that_wraps_is_told(machine):
     assert "stands whole turns beyond the limits of the joint" in flag.message
 
 
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
+def test_of_drives_beyond_their_limits_it_is_said_which_and_how_far(machine):
+    """A real arm stood 36 deg beyond what its URDF says of the wrist."""
+    far = np.array(machine.campaign.drives)
+    far[[4, 9], 2] = machine.drawing.mechanism.joint_limits()["joint3"][1] + np.array([0.1, 0.2])
+    flag, *_ = check_campaign(damaged(machine.campaign, drives=far), machine.drawing)
+    assert (flag.code, flag.columns) == ("unreachable_drives", ("q3_rad",))
+    assert flag.message.endswith("lines 6, 11: beyond the limits of its joint is 'q3_rad' by up to 11.5 deg")
+    assert "correct the limits in the URDF" in flag.remedy
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_slide_that_is_counted_from_its_other_end_is_told_so(gantry, turned):
     """Of a gantry each of its slides makes the same mirror image, and so do the device's axes, which are said last."""

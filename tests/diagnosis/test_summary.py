@@ -344,18 +344,24 @@ def test_every_effect_is_drawn_over_something(nothing):
 
 
 def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
-    """A copy is left out, too, and is none."""
+    """A copy is left out, too, and is none; nor is a drive beyond its limits, of which it is said how far it is."""
     data = campaign(tmp_path, NOTHING, rows=60)
     lines = (tmp_path / "campaign.csv").read_text().splitlines()
     place = lines[0].split(",").index("z_mm")
     cells = lines[29].split(",")
     cells[place] = f"{float(cells[place]) + 25.0:.4f}"
     lines[29] = ",".join(cells)
+    cells = lines[40].split(",")
+    cells[lines[0].split(",").index("q1_mm")] = "9000"
+    lines[40] = ",".join(cells)
     lines.append(lines[11])
     (tmp_path / "campaign.csv").write_text("\n".join(lines) + "\n")
     diagnosis = diagnose(Campaign.read(data.path))
-    assert diagnosis_metrics(diagnosis, "m")["rows"]["left_out_lines"] == [30, 62]
+    assert diagnosis_metrics(diagnosis, "m")["rows"]["left_out_lines"] == [30, 41, 62]
     assert "left out as gross errors: line 30" in note_lines(diagnosis)
+    assert any(
+        "values of line 41: beyond the limits of its joint is 'q1_mm' by up" in line for line in note_lines(diagnosis)
+    )
 
 
 @pytest.mark.parametrize(

@@ -45,8 +45,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
                 "is not in that noise, and passes for an effect; then state a noise that holds it"
             )
     lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
-    copies = [row for flag in diagnosis.flags if flag.code is FlagCode.REPEATED_ROWS for row in flag.rows]
-    wrong = np.setdiff1d(diagnosis.left_out, copies)  # of the others their flag says what they are
+    besides = (FlagCode.REPEATED_ROWS, FlagCode.UNREACHABLE_DRIVES)  # their flag says what they are
+    others = [row for flag in diagnosis.flags if flag.code in besides for row in flag.rows]
+    wrong = np.setdiff1d(diagnosis.left_out, others)
     if wrong.size:
         lines.append(f"left out as gross errors: {where(diagnosis.campaign, wrong, _MOST_LINES)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.left_out)
@@ -87,14 +88,15 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
             "of model.yaml under what --condition or columns beside their poses say"
         )
-    told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
+    told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
     by = {item.process.by for item in diagnosis.judgement.remainder}
     if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
         told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
     if diagnosis.judgement.scatters:
         told.add(FlagCode.NOISE_TOO_SMALL)  # the headline says it
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
-    weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code is FlagCode.MEASUREMENT_JUMP]
+    always = (FlagCode.MEASUREMENT_JUMP, FlagCode.UNREACHABLE_DRIVES)
+    weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code in always]
     lines += [f"data: {flag.message}" for flag in weighty if flag.code not in told]
     return lines
 
