@@ -89,14 +89,14 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
-        robots: object = effect.robots
-        if isinstance(robots, str):
-            said = f"the effect '{effect.id}' of {entry.value} has the bare text '{robots}' for robots"
-            raise BadInputError(f"{said}; write robots = ('{robots}',)")
+        for names in ("robots", "needs", "shaped_by"):
+            if isinstance(bare := getattr(effect, names), str):
+                said = f"the effect '{effect.id}' of {entry.value} has the bare text '{bare}' for {names}"
+                raise BadInputError(f"{said}; write {names} = ('{bare}',)")
         if effect.robots and robot.name not in effect.robots:
             continue
-        # Of a bare string each letter is asked for, and none of them is a condition.
-        asked = [("needs", name, condition_names(robot)) for name in effect.needs]
+        needed = {"needs": effect.needs, "is shaped by": effect.shaped_by}
+        asked = [(verb, name, condition_names(robot)) for verb, names in needed.items() for name in names]
         if effect.driven_by:
             asked.append(("is driven by", effect.driven_by, frozenset(known_facts(robot))))
         for verb, name, known in asked:

@@ -44,8 +44,20 @@ class Needy(Good):
     needs = ("payload_kg",)
 
 
+class Shaped(Good):
+    shaped_by = ("weigth_n",)
+
+
 class Lone(Good):
     robots = "arm"
+
+
+class Bare(Good):
+    needs = ("weight_n")
+
+
+class BareShape(Good):
+    shaped_by = "weight_n"
 
 
 class Nameless(Effect):
@@ -138,7 +150,10 @@ def test_a_package_on_the_path_is_found(package):
         ("Astray", MODULE, "driven by 'lengths', which is no condition; did you mean 'lengths_m'?"),
         ("Needy", MODULE, "needs 'payload_kg', which is no condition"),
         ("Needy", MODULE, "if it is not for the robot 'pouring_robot', let its `robots` name those it is for"),
+        ("Shaped", MODULE, "is shaped by 'weigth_n', which is no condition; did you mean 'weight_n'?"),
         ("Lone", MODULE, "write robots = ('arm',)"),
+        ("Bare", MODULE, "write needs = ('weight_n',)"),
+        ("BareShape", MODULE, "write shaped_by = ('weight_n',)"),
         ("Twin", MODULE, "two effects are called 'drive_scale'; rename"),
     ],
 )
