@@ -173,6 +173,9 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
     if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
         raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
     for form in forms:
+        called = [parameter.name for parameter in form.parameters]
+        if len(set(called)) < len(called):  # a model file holds their values by name
+            raise BadInputError(f"the effect '{effect.id}', form '{form.name}' needs parameters of different names")
         for parameter in form.parameters:
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
             for name, change in parameter.changes.items():

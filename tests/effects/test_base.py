@@ -141,6 +141,11 @@ class Users(Effect):
         return (Form("only", (self.parameter,)),)
 
 
+class Namesakes(Users):
+    def forms(self, conditions):
+        return (Form("only", (self.parameter, self.parameter)),)
+
+
 class Failing(Users):
     def forms(self, conditions):
         return {}["no such\nkey"]
@@ -173,6 +178,12 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prio
     assert said in line
     assert "the effect 'users_own', form 'only', parameter 'one'" in line
     assert "\n" not in line
+
+
+def test_parameters_of_one_name_are_refused(bench):
+    """A model file holds values by name: the one would take the other's place."""
+    with pytest.raises(BadInputError, match="form 'only' needs parameters of different names"):
+        Library.of(bench.rows, {"users_own": Namesakes({"base.tx": np.zeros(70)})})
 
 
 def test_users_effect_that_fails(bench):
