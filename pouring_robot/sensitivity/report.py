@@ -134,7 +134,7 @@ class SensitivityReport(Result):
         return (
             f"{self.robot}, {self.poses}{asked} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by "
             f"more than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
-            f"{first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
+            f"a distance of {first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
         )
 
     def _table(self) -> Any:
