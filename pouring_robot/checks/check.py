@@ -40,7 +40,7 @@ class Examination:
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
     poses = nominal_poses(drawing, campaign.drives)
-    found = list(check_columns(campaign, held_rows(campaign, drawing)))
+    found = list(check_columns(campaign, held_rows(campaign, drawing, poses)))
     campaign, moved = in_frames_of_their_own(campaign, poses)
     found += moved
     campaign = without_copies(campaign)

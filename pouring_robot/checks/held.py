@@ -27,14 +27,14 @@ def moved(campaign: Campaign) -> BoolArray:
     return np.asarray(np.abs(np.diff(campaign.drives, axis=0)).max(axis=1) > 1e-3)
 
 
-def held_rows(campaign: Campaign, drawing: Drawing) -> list[Indices]:
+def held_rows(campaign: Campaign, drawing: Drawing, poses: PoseStack) -> list[Indices]:
     """Return the runs of rows in which the drives together kept the target where it is stated to be, by the drawing.
 
     In a run the place is the same to the last digit. That a sensor hung is the other reason: then the drives moved as
-    they liked, and take the target as far as where each has the values that it had in other rows of the run.
+    they liked, and take the target as far as where each has the values that it had in other rows of the run. ``poses``
+    are those of the drawing for the drives of the campaign, (n,).
     """
     runs = _runs(campaign)
-    poses = nominal_poses(drawing, campaign.drives)
     left, target = _from_one_place(poses, runs)
     if target is None:
         return []
@@ -42,8 +42,9 @@ def held_rows(campaign: Campaign, drawing: Drawing) -> list[Indices]:
     for rows in runs:
         steps = np.arange(drives.shape[1]) * rows.size // drives.shape[1]
         drives[rows] = np.column_stack([np.roll(own, step) for own, step in zip(drives[rows].T, steps, strict=True)])
-    apart = nominal_poses(drawing, drives)
-    far = apart.position_m + apart.rotation @ target
+    within, far = np.concatenate(runs), np.full_like(left, np.nan)
+    apart = nominal_poses(drawing, drives[within])
+    far[within] = apart.position_m + apart.rotation @ target
     return [rows for rows in runs if _spread(left[rows]) < _TOGETHER * _spread(far[rows])]
 
 
@@ -56,9 +57,16 @@ def at_one_place(campaign: Campaign, poses: PoseStack) -> PoseStack:
 
 
 def _runs(campaign: Campaign) -> list[Indices]:
-    """Return the runs of rows of a session whose place is the same to the last digit while drives move."""
+    """Return the runs of rows of a session whose place is the same to the last digit while drives move.
+
+    None where most rows have a place of their own: these were read by a device, which hung in the others. Drives that
+    move along a line turn the target about some point nearly, and would pass for a ball that sits there.
+    """
     sessions, moving = np.array(campaign.sessions), moved(campaign)
     same = (np.diff(campaign.position_m, axis=0) == 0.0).all(axis=1) & (sessions[1:] == sessions[:-1])
+    again = sum(rows.size for rows in runs_of(same, 2))
+    if 2 * again < np.count_nonzero(campaign.position_measured.all(axis=1)):
+        return []
     return [rows for rows in runs_of(same, LONGEST_RUN) if moving[rows[:-1]].any()]
 
 

@@ -70,6 +70,16 @@ def test_a_tracker_that_hung_while_drives_moved_as_they_like_is_an_error(arm):
     assert stuck(flags) == [Severity.ERROR] * 3
 
 
+@pytest.mark.parametrize("moving", [[0, 1, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1]])
+def test_a_tracker_that_hung_while_drives_moved_along_a_line_is_an_error(arm, moving):
+    """They turn the target about some point nearly, or, one alone, about its axis: no ball sits there."""
+    drives, place = np.array(arm.campaign.drives), np.array(arm.campaign.position_m)
+    drives[40:60] = drives[40] + 0.01 * np.outer(np.arange(20), moving)
+    place[40:60] = place[40]
+    flags = check_campaign(measured(arm, drives, place), arm.drawing)
+    assert stuck(flags) == [Severity.ERROR] * 3
+
+
 def test_a_column_that_hung_is_found_where_sessions_have_frames_of_their_own(arm):
     """Brought into the frame of another session it would vary."""
     seen = np.array(arm.campaign.position_m)
