@@ -91,7 +91,9 @@ def _beside_joints(
     Where an arm changes to another posture, or all at one place change sides, errors of its joints step with it. A
     campaign that is too short to tell joints from a step has one.
     """
-    used = np.union1d(rows, evenly(len(campaign), TELLING_ROWS))
+    sides = (rows[rows < first], rows[rows >= first])
+    some = [side[evenly(side.size, TELLING_ROWS)] for side in sides]
+    used = np.union1d(np.concatenate(some), evenly(len(campaign), TELLING_ROWS))
     within = np.column_stack([np.isin(used, rows), np.isin(used, rows[rows >= first])]).astype(float)
     steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
     terms = joint_terms(campaign, drawing, data, fit, used, floors)
@@ -101,7 +103,7 @@ def _beside_joints(
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(design[known]):
         return True
     coefficients, _, scale = robust_fit(design, values, 1.0)
-    share = np.mean(rows >= first)
+    count, after = within.sum(axis=0)
     variance = np.diag(np.linalg.pinv(design[known].T @ design[known], hermitian=True))[-len(floors) :]
-    told = 1.0 / np.sqrt(variance * rows.size * share * (1.0 - share))
+    told = 1.0 / np.sqrt(variance * after * (1.0 - after / count))
     return bool((told * np.abs(coefficients[-len(floors) :]) > _JUMP_SIGMAS * scale).any())

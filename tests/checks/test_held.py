@@ -8,6 +8,7 @@ import pytest
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity
+from pouring_robot.checks.smooth_errors import joint_terms
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine
 
@@ -99,3 +100,20 @@ def test_an_arm_that_changes_its_posture_is_no_tracker_that_was_moved(arm, first
     place = ball(arm, drives) + 2e-5 * random.normal(size=(60, 3))
     place[first:] += 0.005
     assert (FlagCode.MEASUREMENT_JUMP in codes(check_campaign(measured(arm, drives, place), arm.drawing))) == told
+
+
+def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch):
+    """Errors of all joints in 20,000 rows would take gigabytes; many fewer tell as much, some on either side."""
+    asked = []
+
+    def terms(campaign, drawing, data, fit, rows, floors):
+        asked.append(len(rows))
+        return joint_terms(campaign, drawing, data, fit, rows, floors)
+
+    monkeypatch.setattr("pouring_robot.checks.jumps.joint_terms", terms)
+    monkeypatch.setattr("pouring_robot.checks.jumps.TELLING_ROWS", 60)
+    place = np.array(arm.campaign.position_m)
+    place[160:] += 0.005
+    flags = check_campaign(measured(arm, arm.campaign.drives, place), arm.drawing)
+    assert FlagCode.MEASUREMENT_JUMP in codes(flags)
+    assert asked and max(asked) < 160
