@@ -35,7 +35,7 @@ def jackknife_covariance(
     of each unknown has a mean of zero and the inverse of ``prior``, (k,) or all alike, as variance: priors are no data
     and in no block, and hold as before, so that of the normal matrix A it is A^-1 (M + prior) A^-1, M of the gradient
     of the data. What blocks scatter counts as much more as Student's t of so few is wider than that of ``freedoms``,
-    for intervals that are made with these.
+    for intervals that are made with these; one block alone tells of the priors only.
     """
     inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
     held, data = np.eye(place.size) * prior, sum(inner)
@@ -47,7 +47,8 @@ def jackknife_covariance(
     several = np.trace(scipy.linalg.solve(whole, data, assume_a="pos")) - alone.shape[1]
     if alone.size and several > 1.0:
         scattered += np.trace(scattered @ whole) / several * alone @ alone.T
-    wider = deviations95(len(moved) - 1.0) / deviations95(freedoms)
+    # One block alone scatters nothing, and of how many deviations that makes an interval nothing is known.
+    wider = deviations95(len(moved) - 1.0) / deviations95(freedoms) if len(moved) > 1 else 0.0
     by_priors = scipy.linalg.solve(whole, np.sqrt(held), assume_a="pos")
     return np.asarray(wider**2 * scattered + by_priors @ by_priors.T)
 

@@ -29,7 +29,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import whole
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, finite
+from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
@@ -155,13 +155,9 @@ class Fit:
         """The same by how far stretches of rows scatter the answer, see :mod:`~.jackknife`."""
         equations, root = self.equations, np.sqrt(self.weights)
         rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
-        parts, place = ((rows[own], left[own]) for own in self._told_by_stretch), self.unknowns.values / self.prior_std
+        blocks = [own for stretch in self.stretches if (own := np.isin(equations.rows, stretch)).any()]
+        parts, place = ((rows[block], left[block]) for block in blocks), self.unknowns.values / self.prior_std
         return np.asarray(self._scale * jackknife_covariance(parts, place, freedoms=self.interval_freedoms))
-
-    @functools.cached_property
-    def _told_by_stretch(self) -> list[BoolArray]:
-        """Which equations are of each stretch that has any, (m,) each."""
-        return [own for stretch in self.stretches if (own := np.isin(self.equations.rows, stretch)).any()]
 
     @functools.cached_property
     def covariances(self) -> tuple[FloatArray, ...]:
@@ -170,7 +166,7 @@ class Fit:
         Where more may be left than noise, stretches of rows are asked, too: what a model lacks hangs together in them.
         """
         unsure = self.noise.from_residuals or self.inflation > 1.0
-        asked = unsure and len(self._told_by_stretch) > 1
+        asked = unsure and len(self.stretches) > 1
         return (self.inflated_covariance, self.scattered_covariance) if asked else (self.inflated_covariance,)
 
     @property

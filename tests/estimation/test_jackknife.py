@@ -43,6 +43,15 @@ def test_priors_are_no_data():
     np.testing.assert_array_equal(found[1], [0.0, 1.0])
 
 
+def test_one_block_alone_scatters_nothing():
+    """It is as far from itself as nothing, not as what nobody knows: of the answer the priors are left."""
+    columns = np.random.default_rng(3).normal(size=(20, 2))
+    prior = np.array([1.0, 0.5])
+    inverse = np.linalg.inv(np.diag(prior) + columns.T @ columns)
+    found = jackknife_covariance([(columns, columns[:, 0])], np.zeros(2), prior)
+    np.testing.assert_allclose(found, inverse @ np.diag(prior) @ inverse, rtol=1e-9)
+
+
 @pytest.mark.parametrize("walks", [False, True])
 def test_what_one_stretch_alone_tells_is_known_as_it_tells_it(walks):
     """Two unknowns that four of five stretches tie together: 95 % intervals hold, and are no wider than need be.
@@ -108,7 +117,8 @@ def test_stretches_are_asked_where_more_may_be_left_than_noise(wandering):
     assert (told > 1.5 * np.sqrt(np.diagonal(fit.inflated_covariance))).any()
     assert len(replace(fit, stretches=()).covariances) == 1
     unmeasured = np.array([99])
-    assert len(replace(fit, stretches=(np.arange(60), unmeasured)).covariances) == 1
+    one_told = replace(fit, stretches=(np.arange(60), unmeasured))
+    np.testing.assert_array_equal(largest_std(every, one_told.covariances), largest_std(every, fit.covariances[:1]))
     sound = replace(fit, equations=replace(fit.equations, residual=0.01 * fit.equations.residual))
     assert len(sound.covariances) == 1
     assert len(replace(sound, noise=NoiseLevel({"position": Noise(source="residuals")})).covariances) == 2
