@@ -38,6 +38,7 @@ _FREE = 1e-9
 """Prior of a free unknown over all that the rows tell of it: it holds none, where rounding alone would tell of it."""
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
+_ROUND_OFF = 1e-9  # freedoms: fewer are what adding up leaves of none
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,4 +302,4 @@ class Diagnoser:
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
     component = after.fitted_rows.component
-    return noise.left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)
+    return noise.left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=_ROUND_OFF)

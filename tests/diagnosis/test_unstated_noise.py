@@ -74,6 +74,18 @@ def test_of_each_kind_what_was_spent_on_it_is_taken_off():
     assert (np.abs(np.mean(squares, axis=0) - 1.0) < 4.0 * errors).all()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_of_a_kind_that_frames_spend_whole_nothing_is_left_that_tells_its_noise(seed):
+    """Three distances from a point that nobody knows: what round-off leaves of them is no noise of none."""
+    rng, component = np.random.default_rng(seed), np.repeat([0, 1, 2, 6], [20, 20, 20, 3])
+    frames = np.zeros((63, 9))
+    frames[:60, :6], frames[60:, 6:] = rng.normal(size=(60, 6)), rng.normal(size=(3, 3))
+    after = SimpleNamespace(fitted_rows=SimpleNamespace(component=component))
+    given = NoiseLevel({kind: Noise(1e-4, "residuals") for kind in ("position", "distance")})
+    found = Hypothesis.nothing(Problem.build(rng.normal(size=63), frames, (), ()))
+    assert noise_left(given, after, found)["distance"].sigma == 1e-4
+
+
 def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
