@@ -9,14 +9,14 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
-from pouring_robot.checks.held import LONGEST_RUN, moved, runs_of
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
-from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, robust_sigma
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
+_LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
 _NAMED = 8
@@ -31,7 +31,7 @@ _SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled colum
 
 
 def check_columns(campaign: Campaign, held: Sequence[Indices] = ()) -> Iterator[DataFlag]:
-    """Yield what is wrong with the columns as such, given the runs of rows in which the target was held at a place."""
+    """Yield what is wrong with the columns as such, given the rows at each place where the target was held."""
     for check in (
         _another_robot,
         _row_count,
@@ -143,10 +143,12 @@ def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
 def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator[DataFlag]:
     """Find measured columns that keep their value to the last digit while the drives move.
 
-    The only one that was measured, of one value in all rows, may be the place of a plane that a probe touched.
+    The only one that was measured, of one value in all rows, may be the place of a plane that a probe touched. Places
+    where the target was held, which may stand in line, are stated to the last digit.
     """
+    moved = np.abs(np.diff(campaign.drives, axis=0)).max(axis=1) > 1e-3
     if held:
-        stood, several = np.concatenate(held), f" at each of {len(held)} places" if len(held) > 1 else ""
+        stood, several = np.sort(np.concatenate(held)), f" at each of {len(held)} places" if len(held) > 1 else ""
         message = f"{where(campaign, stood)}: the target stood still{several} while the drives moved"
         yield found(
             campaign, FlagCode.STUCK_COLUMN, message, stood, columns.POSITION, severity=Severity.NOTE, remedy=_SOCKET
@@ -157,8 +159,8 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
     seen.pop(columns.DISTANCE, None)  # two places may well be as far away
     for name, values in seen.items():
         plane = alone and np.nanmax(values) == np.nanmin(values)
-        for rows in runs_of((np.diff(values) == 0.0) & moved(campaign), LONGEST_RUN):
-            if held and np.isin(rows, stood).all():
+        for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
+            if held and (name in columns.POSITION or np.isin(rows, stood).all()):
                 continue
             severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
             yield _stuck(campaign, name, values[rows[0]], rows, severity, remedy)
@@ -180,7 +182,7 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
     for name in names:
         others = [changes[other] for other in names if other != name]
         if others:
-            for rows in runs_of(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_TEMPERATURE_RUN):
+            for rows in _runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_TEMPERATURE_RUN):
                 yield _stuck(campaign, name, campaign.conditions[name][rows[0]], rows, Severity.WARNING)
 
 
@@ -313,3 +315,11 @@ def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _headings(names: Sequence[str]) -> str:
     return f"column{'s' * (len(names) > 1)} {some([repr(name) for name in names], _NAMED)}"
+
+
+def _runs(same: BoolArray, longest: int) -> Iterator[Indices]:
+    """Yield the rows of every run of ``longest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    for start, end in edges.reshape(-1, 2):
+        if end - start + 1 >= longest:
+            yield np.arange(start, end + 1)

@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import FlagCode, Severity
+from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
 from pouring_robot.checks.smooth_errors import joint_terms
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine
@@ -51,17 +51,33 @@ def stuck(flags):
     return [flag.severity for flag in flags if flag.code == FlagCode.STUCK_COLUMN]
 
 
-@pytest.mark.parametrize("sockets", [1, 2])
-def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, sockets):
-    """Many commands, each with another attitude, to a socket: what tells of an arm without any device."""
-    free = arm.campaign.drives
-    seats = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])[:sockets]
+@pytest.fixture(scope="module")
+def into_sockets(arm):
+    """Return commands (2, 25, 6) that bring the ball into two sockets, and the places of these, (2, 25, 3), in m."""
+    free, seats = arm.campaign.drives, np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])
     into = [brought(arm, free, ball(arm, free[[7]]) + seat + np.zeros((len(free), 3)))[:25] for seat in seats]
-    stated = np.repeat(seats, [len(drives) for drives in into], axis=0)
-    flags = check_campaign(measured(arm, np.concatenate(into), stated), arm.drawing)
+    return np.array(into), np.repeat(seats[:, None], 25, axis=1)
+
+
+@pytest.mark.parametrize("sockets", [1, 2])
+def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, into_sockets, sockets):
+    """Many commands, each with another attitude, to a socket: what tells of an arm without any device."""
+    drives, stated = (both[:sockets].reshape(25 * sockets, -1) for both in into_sockets)
+    flags = check_campaign(measured(arm, drives, stated), arm.drawing)
     assert stuck(flags) == [Severity.NOTE]
     assert f"stood still{f' at each of {sockets} places' if sockets > 1 else ''} while" in str(flags)
     assert codes(flags) <= {FlagCode.STUCK_COLUMN, FlagCode.NO_TEMPERATURES}
+
+
+def test_sockets_may_be_changed_each_time_and_hold_a_row_that_is_wrong(arm, into_sockets):
+    """They stand in line, so that y and z are the same in all rows."""
+    drives, stated = (both.swapaxes(0, 1).reshape(50, -1) for both in into_sockets)
+    wrong = np.array(drives)
+    wrong[20] = arm.campaign.drives[3]
+    assert stuck(check_campaign(measured(arm, drives, stated), arm.drawing)) == [Severity.NOTE]
+    flags = check_campaign(measured(arm, wrong, stated), arm.drawing)
+    assert stuck(flags) == [Severity.NOTE]
+    assert wrong_rows(flags).tolist() == [20]
 
 
 def test_a_tracker_that_hung_while_drives_moved_as_they_like_is_an_error(arm):
