@@ -88,8 +88,8 @@ def _beside_joints(
 ) -> bool:
     """Return whether residuals of a session's rows (k,) step from one on beside what errors of all joints do, too.
 
-    Where an arm changes to another posture, or all at one place change sides, errors of its joints step with it. A
-    campaign that is too short to tell joints from a step has one.
+    Where an arm changes to another posture errors of its joints step with it. A campaign that is too short to tell
+    joints from a step has one.
     """
     sides = (rows[rows < first], rows[rows >= first])
     some = [side[evenly(side.size, TELLING_ROWS)] for side in sides]
