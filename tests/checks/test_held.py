@@ -9,6 +9,7 @@ from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
 from pouring_robot.checks.smooth_errors import joint_terms
+from pouring_robot.mechanism.rotations import rotation_vectors
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine
 
@@ -133,3 +134,12 @@ def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch)
     flags = check_campaign(measured(arm, arm.campaign.drives, place), arm.drawing)
     assert FlagCode.MEASUREMENT_JUMP in codes(flags)
     assert asked and max(asked) < 160
+
+
+def test_rotations_that_hung_while_the_ball_sat_in_a_socket_are_an_error(arm, into_sockets):
+    """The ball turns there, and so does what was read of it, by an inclinometer say."""
+    drives, stated = into_sockets[0][0], into_sockets[1][0]
+    turned = rotation_vectors(nominal_poses(arm.drawing, drives).rotation)
+    turned[5:15] = turned[5]
+    seen = dataclasses.replace(measured(arm, drives, stated), rotation_vector_rad=turned)
+    assert sorted(stuck(check_campaign(seen, arm.drawing))) == [*[Severity.ERROR] * 3, Severity.NOTE]
