@@ -20,7 +20,6 @@ from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.estimation.frames.fit import RESOLUTION
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
-from pouring_robot.estimation.jackknife import KNOWN
 from pouring_robot.estimation.noise import commands
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -28,6 +27,9 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
 BLOCKS = 5
+_KNOWN = 0.1
+"""Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
+they leave open there would have ten times the variance that all rows leave."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 
@@ -110,7 +112,7 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
 def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     """Return whether some blocks tell of the frames what another needs to be foretold, by what each tells, (k, k).
 
-    In every direction they have a share of :data:`~.jackknife.KNOWN` of what both tell together.
+    In every direction they have a share of :data:`_KNOWN` of what both tell together.
     """
     known = np.sum(told, axis=0)
     both = known + asked
@@ -119,7 +121,7 @@ def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
     kept = squared > RESOLUTION**2 * squared.max(initial=0.0)
     axes = axes[:, kept] / np.sqrt(squared[kept])
     share = axes.T @ (known / sizes / sizes[:, None]) @ axes
-    return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= KNOWN)
+    return bool(np.linalg.eigvalsh(share).min(initial=1.0) >= _KNOWN)
 
 
 def _inner_products(columns: FloatArray) -> FloatArray:

@@ -52,33 +52,6 @@ def test_one_block_alone_scatters_nothing():
     np.testing.assert_allclose(found, inverse @ np.diag(prior) @ inverse, rtol=1e-9)
 
 
-@pytest.mark.parametrize("walks", [False, True])
-def test_what_one_stretch_alone_tells_is_known_as_it_tells_it(walks):
-    """Two unknowns that four of five stretches tie together: 95 % intervals hold, and are no wider than need be.
-
-    Without the last stretch the answer falls back on priors, 30 wide; it is known to 0.2, and where each stretch has a
-    course of its own, to about as much as that makes there.
-    """
-    random, true, prior = np.random.default_rng(6), np.array([1.0, 20.0, 3.0, 4.0]), 30.0**-2
-    held, widths = [], []
-    for _ in range(300):
-        columns = random.normal(size=(5, 20, 4))
-        columns[:4, :, 1] = columns[:4, :, 3]
-        noise = random.normal(size=(5, 20))
-        if walks:
-            noise = 0.5 * noise + 0.43 * np.einsum("gnk,gk->gn", columns, random.normal(size=(5, 4)))
-        flat, seen = columns.reshape(100, 4), (columns @ true + noise).reshape(100)
-        whole = flat.T @ flat + prior * np.eye(4)
-        found = np.linalg.solve(whole, flat.T @ seen)
-        left = flat @ found - seen
-        noise_alone = left @ left / 96.0 * np.linalg.inv(whole)
-        half = Z95 * largest_std(np.eye(4), (jackknife_covariance(parts(flat, left), found, prior), noise_alone))
-        held.append(np.abs(found - true) < half)
-        widths.append(half)
-    assert (np.mean(held, axis=0) > 0.93).all()
-    assert (np.median(widths, axis=0) < (1.3 if walks else 0.6)).all()
-
-
 @pytest.fixture(scope="module")
 def wandering(drawing):
     """Sixty rows whose drives wander by ten times the noise, row after row, and the fit of their zeros."""

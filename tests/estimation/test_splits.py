@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.jackknife import KNOWN
 from pouring_robot.estimation.noise import repeats
-from pouring_robot.estimation.splits import _frame_columns, _inner_products, blocks, foretold, split
+from pouring_robot.estimation.splits import _KNOWN, _frame_columns, _inner_products, blocks, foretold, split
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import damaged, write_text
@@ -152,6 +151,6 @@ def test_a_share_is_that_of_the_least_known_direction():
         scaled = (part[:, None] * [1e3, 1.0, 1.0, 1e-3] for part in (first, second, axes[rows:]))
         padded = [np.pad(_inner_products(part), ((0, 1), (0, 1))) for part in scaled]
         share = np.linalg.svd(axes[:rows], compute_uv=False).min() ** 2
-        assert foretold(padded[:2], padded[2]) == (share >= KNOWN)
-        known.add(share >= KNOWN)
+        assert foretold(padded[:2], padded[2]) == (share >= _KNOWN)
+        known.add(share >= _KNOWN)
     assert known == {False, True}
