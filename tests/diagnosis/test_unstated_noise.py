@@ -8,7 +8,7 @@ import pytest
 from pouring_robot import RobotModel, diagnose
 from pouring_robot.diagnosis import DiagnosisOptions
 from pouring_robot.diagnosis.diagnoser import noise_left
-from pouring_robot.estimation.noise import Noise, NoiseLevel
+from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
 from pouring_robot.robot.model import DriveOffset
@@ -75,15 +75,15 @@ def test_of_each_kind_what_was_spent_on_it_is_taken_off():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_of_a_kind_that_frames_spend_whole_nothing_is_left_that_tells_its_noise(seed):
-    """Three distances from a point that nobody knows: what round-off leaves of them is no noise of none."""
+def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left(seed):
+    """Three distances from a point that nobody knows: whatever the sign of the round-off that their freedoms are."""
     rng, component = np.random.default_rng(seed), np.repeat([0, 1, 2, 6], [20, 20, 20, 3])
     frames = np.zeros((63, 9))
     frames[:60, :6], frames[60:, 6:] = rng.normal(size=(60, 6)), rng.normal(size=(3, 3))
     after = SimpleNamespace(fitted_rows=SimpleNamespace(component=component))
     given = NoiseLevel({kind: Noise(1e-4, "residuals") for kind in ("position", "distance")})
     found = Hypothesis.nothing(Problem.build(rng.normal(size=63), frames, (), ()))
-    assert noise_left(given, after, found)["distance"].sigma == 1e-4
+    assert noise_left(given, after, found)["distance"].sigma == LEAST_NOISE
 
 
 def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
