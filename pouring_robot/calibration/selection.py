@@ -201,8 +201,8 @@ def select_groups(
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, kinds)."""
     gains = np.nanmean(np.log1p(present) - np.log1p(trial), axis=1)
-    helps = mean_and_error(gains)[0] > by_chance(gains, _STANDARD_ERRORS) > 0.0
-    return *mean_and_error(gains), helps and harmless(present, trial, 1.0)
+    gain, error = mean_and_error(gains)
+    return gain, error, gain > by_chance(gains, _STANDARD_ERRORS) > 0.0 and harmless(present, trial, 1.0)
 
 
 def _rms(scores: FloatArray) -> float:

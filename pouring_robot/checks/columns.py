@@ -158,10 +158,10 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
     alone = len(seen) == 1
     seen.pop(columns.DISTANCE, None)  # two places may well be as far away
     for name, values in seen.items():
+        if held and name in columns.POSITION:
+            continue
         plane = alone and np.nanmax(values) == np.nanmin(values)
         for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
-            if held and name in columns.POSITION:
-                continue
             severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
             yield _stuck(campaign, name, values[rows[0]], rows, severity, remedy)
 

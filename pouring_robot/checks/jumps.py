@@ -91,10 +91,10 @@ def _beside_joints(
     Where an arm changes to another posture errors of its joints step with it. A campaign that is too short to tell
     joints from a step has one.
     """
-    sides = (rows[rows < first], rows[rows >= first])
-    some = [side[evenly(side.size, TELLING_ROWS)] for side in sides]
+    before, behind = rows[rows < first], rows[rows >= first]
+    some = [side[evenly(side.size, TELLING_ROWS)] for side in (before, behind)]
     used = np.union1d(np.concatenate(some), evenly(len(campaign), TELLING_ROWS))
-    within = np.column_stack([np.isin(used, rows), np.isin(used, rows[rows >= first])]).astype(float)
+    within = np.column_stack([np.isin(used, rows), np.isin(used, behind)]).astype(float)
     steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
     terms = joint_terms(campaign, drawing, data, fit, used, floors)
     design = np.concatenate([terms, steps.reshape(used.size, len(floors), -1)], axis=2).reshape(pose[used].size, -1)
