@@ -275,11 +275,11 @@ class Diagnoser:
         from_here = np.array([known.get(p, 0.0) for p in parameters])
         linear = state.linear
         before = self._signature(state.parameters, state.values, linear)
-        left = linear.residual + before - self._signature(parameters, wanted, linear)
+        now = linear.residual.copy()
         for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
-                left -= hypothesis.part(k)
-        step = linear.frame_step(left)
+                now -= hypothesis.part(k)
+        step = linear.frame_step(now + before - self._signature(parameters, wanted, linear))
         for halved in range(_HALVINGS):
             share = 0.5**halved
             values = from_here + share * (wanted - from_here)
@@ -289,9 +289,13 @@ class Diagnoser:
                 continue
             gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
-            # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
-            if off @ off <= _TRUST * (gone @ gone) + len(off):
-                return new, rms(off)
+            # A step that is off by more than it moves is outside of what the derivatives say, and one that gains less
+            # than half of what it should may lead back and forth: they are asked nearer.
+            foretold = now + gone
+            there = foretold + off
+            gains = there @ there <= 0.5 * (now @ now + foretold @ foretold)
+            if gains or off @ off <= _TRUST * (gone @ gone) + _EXACT**2 * len(off):
+                return new, rms(off) / share**2
         return state, 0.0
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:

@@ -13,6 +13,7 @@ from scripts.benchmarks.blind_metrics import confusion, failures, figures, power
 from scripts.benchmarks.blind_trials import main
 from tests.diagnosis.trial import Estimate, Said, Trial, rig_trials
 from tests.rig import LIBRARY, Wanted, make_campaign
+from tests.rig.__main__ import case
 
 ROWS = 80
 STRONG = {
@@ -63,6 +64,12 @@ def test_two_effects_are_both_named():
     assert trial.exact, trial.line()
     assert len(trial.estimates) == 4
     assert all(abs(e.z) < 4.0 for e in trial.estimates), trial.estimates
+
+
+def test_steps_do_not_lead_back_and_forth():
+    """Yokes turned so far that each whole step leads past where the robot is; so it was believed to be unknown."""
+    trial = rig_trials(case(68, 205, False, True), "back and forth", exclude=False)[0]
+    assert trial.exact, trial.line()
 
 
 @pytest.mark.parametrize(
