@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
+from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.mechanism.joint_types import NOT_IN_URDF, change_joints, make_spherical
 from pouring_robot.mechanism.loops_file import LoopsFile
 
@@ -38,8 +38,8 @@ class Mimic:
     offset: float  # in m or rad
 
 
-def read_mimics(urdf: str) -> tuple[Mimic, ...]:
-    """Return joints that mimic others, mimics of mimics by the first; raises BadInputError where they are wrong."""
+def read_mimics(urdf: str, source: Path) -> tuple[Mimic, ...]:
+    """Return joints that mimic others, mimics of mimics by the first; raises DescriptionError where they are wrong."""
     own = {}
     for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
         tied = joint.find("mimic")
@@ -48,18 +48,20 @@ def read_mimics(urdf: str) -> tuple[Mimic, ...]:
             try:
                 ratio, offset = float(tied.get("multiplier", 1.0)), float(tied.get("offset", 0.0))
             except ValueError as problem:
-                raise BadInputError(f"joint '{name}': multiplier and offset of mimic must be numbers") from problem
+                why = f"joint '{name}': multiplier and offset of mimic must be numbers"
+                raise DescriptionError(f"URDF of {source}", why) from problem
             own[name] = Mimic(name, str(tied.get("joint")), ratio, offset)
-    return tuple(_resolved(mimic, own) for mimic in own.values())
+    return tuple(_resolved(mimic, own, source) for mimic in own.values())
 
 
-def _resolved(mimic: Mimic, every: Mapping[str, Mimic]) -> Mimic:
+def _resolved(mimic: Mimic, every: Mapping[str, Mimic], source: Path) -> Mimic:
     for _ in every:
         if mimic.leader not in every:
             return mimic
         above = every[mimic.leader]
         mimic = Mimic(mimic.joint, above.leader, mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset)
-    raise BadInputError(f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free")
+    why = f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free"
+    raise DescriptionError(f"URDF of {source}", why)
 
 
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> tuple[str, tuple[Mimic, ...], pin.Model]:
@@ -78,14 +80,12 @@ def _tree_of(
     changed = dict(kinds) | dict.fromkeys(cut, "floating")
     try:
         tree_urdf = change_joints(urdf, changed)
-        mimics = read_mimics(tree_urdf)
+        mimics = read_mimics(tree_urdf, source)
     except UnknownJointError as problem:
         key = "cut_joints" if problem.name in cut else "joint_types"
         raise DescriptionError(source, f"{key}: {problem}") from problem
     except etree.XMLSyntaxError as problem:
         raise DescriptionError(f"URDF of {source}", f"not valid XML: {problem}") from problem
-    except BadInputError as problem:
-        raise DescriptionError(f"URDF of {source}", str(problem)) from problem
     model, spherical = model_of(tree_urdf, source), {name for name, kind in changed.items() if kind in NOT_IN_URDF}
     return tree_urdf, mimics, make_spherical(model, spherical) if spherical else model
 

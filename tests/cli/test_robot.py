@@ -408,6 +408,40 @@ def test_what_follows_a_joint_is_driven_by_that_one(run, tmp_path):
     assert "displacing 'left_slide' moves nothing between base and end body" in " ".join(out.split())
 
 
+# A telescope: each stage follows the one below it, and no joint but the first leads.
+TELESCOPE = """<robot name="telescope"><link name="foot"/><link name="a"/><link name="b"/><link name="tool0"/>
+  <joint name="j1" type="prismatic"><parent link="foot"/><child link="a"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="j1" multiplier="0.5"/></joint>
+  <joint name="j3" type="prismatic"><parent link="b"/><child link="tool0"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="j2" multiplier="0.5" offset="0.1"/></joint>
+</robot>"""
+
+
+def test_what_follows_a_follower_is_driven_by_the_one_that_leads(run, tmp_path):
+    (tmp_path / "telescope.urdf").write_text(TELESCOPE, encoding="utf-8")
+    code, out, err = run("robot", "init", "telescope.urdf")
+    assert (code, err) == (0, "")
+    assert "1 drives: j1 (length)" in out
+    code, out, err = run("pose", "--robot", "robot.yaml", "--drives", "400")
+    assert (code, err) == (0, "")
+    assert "800.000" in next(line for line in out.splitlines() if "nominal" in line)  # 0.4, 0.2 and 0.1 + 0.1 m
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "says"),
+    [
+        ('multiplier="0.5" offset', 'multiplier="much" offset', "joint 'j3': multiplier and offset of mimic must be"),
+        ('<mimic joint="j1"', '<mimic joint="j3"', "joint 'j2' mimics itself by way of others"),
+    ],
+)
+def test_a_first_file_of_mimics_that_make_no_sense_is_refused_with_the_urdf(run, tmp_path, right, wrong, says):
+    (tmp_path / "telescope.urdf").write_text(TELESCOPE.replace(right, wrong), encoding="utf-8")
+    code, _, err = run("robot", "init", "telescope.urdf")
+    assert code == 2 and says in err and "URDF of telescope.urdf" in err
+
+
 @pytest.mark.parametrize("kind", ["floating", "planar"])
 def test_poses_of_an_arm_that_floats_or_rolls_are_seen_from_what_carries_it(run, tmp_path, kind):
     under = f'<link name="hall"/><joint name="root" type="{kind}"><parent link="hall"/><child link="ground"/></joint>'

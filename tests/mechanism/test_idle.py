@@ -208,7 +208,7 @@ def test_mimics_of_mimics_follow_the_one_that_leads():
         )
         return f"<robot>{''.join(joints)}</robot>"
 
-    first, second = read_mimics(text(("b", "a", 2, 0.5), ("c", "b", -3, 1)))
+    first, second = read_mimics(text(("b", "a", 2, 0.5), ("c", "b", -3, 1)), Path("arm.urdf"))
     assert (first.leader, first.ratio, first.offset) == ("a", 2.0, 0.5)
     assert (second.leader, second.ratio, second.offset) == ("a", -6.0, -0.5)
 

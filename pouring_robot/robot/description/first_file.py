@@ -19,6 +19,7 @@ from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.joint_types import BOUNDED, UNITS
 from pouring_robot.mechanism.loops_file import LoopsFile, load_loops
+from pouring_robot.mechanism.pinocchio_model import read_mimics
 from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
@@ -124,7 +125,7 @@ def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_
         kinds = [tree.joints[name].get("type") for name in path]
         path = path[max((k for k, kind in enumerate(kinds, start=1) if kind not in UNITS), default=0) :]
     # What follows another joint is driven by that one, wherever it is: a telescope's is often a branch of its own.
-    mimics = {n: str(mimic.get("joint")) for n, j in tree.joints.items() if (mimic := j.find("mimic")) is not None}
+    mimics = {mimic.joint: mimic.leader for mimic in read_mimics(text, urdf)}
     led = dict.fromkeys(mimics.get(name, name) for name in path)
     drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in UNITS]
     if closed is not None:
