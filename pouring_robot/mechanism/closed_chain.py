@@ -318,13 +318,14 @@ class ClosedChainMechanism:
         """
         if not self.mimics:
             return configuration
-        return self.with_joint_values(configuration, self.following(self.joint_values(configuration) | dict(values)))
+        known = self.joint_values(configuration) | dict(values)
+        return self.with_joint_values(configuration, self.follower_values(known))
 
-    def following(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return where joints stand that mimic those of known values (m or rad)."""
+    def follower_values(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the values (m or rad) of the joints alone that mimic those of known values."""
         return {m.joint: m.ratio * values[m.leader] + m.offset for m in self.mimics if m.leader in values}
 
-    def followed(self, offsets: Mapping[str, float]) -> dict[str, float]:
+    def with_followers(self, offsets: Mapping[str, float]) -> dict[str, float]:
         """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
         return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
 

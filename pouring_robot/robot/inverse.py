@@ -204,7 +204,7 @@ def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
     """
 
     def longest(drive: str) -> float:
-        moved = mechanism.followed({drive: 1.0}).items()
+        moved = mechanism.with_followers({drive: 1.0}).items()
         steps = [_LONGEST[mechanism.unit_of(j)] / abs(rate) for j, rate in moved if rate and j in mechanism.seen_joints]
         return min(steps, default=_LONGEST[mechanism.unit_of(drive)])
 

@@ -326,7 +326,7 @@ class RobotModel(StrictModel):
             return self
         self.check_errors()
         mechanism, placed = self.mechanism(), dict[str, JointPlacement]()
-        offsets = mechanism.followed(self.drive_offset_values())
+        offsets = mechanism.with_followers(self.drive_offset_values())
         axes = mechanism.joint_axes([mechanism.joint_id(name) for name in offsets])
         for (name, offset), axis in zip(offsets.items(), axes, strict=True):
             present = self.joint_placements.get(name, JointPlacement()).to_se3()

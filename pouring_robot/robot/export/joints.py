@@ -39,7 +39,7 @@ class JointRow:
         A closure does not say of joints without limits by how many turns; drives are turned as far as ``commanded``.
         """
         mechanism = closed.mechanism
-        beyond, known = mechanism.followed(offsets), {**commanded, **mechanism.following(commanded)}
+        beyond, known = mechanism.with_followers(offsets), {**commanded, **mechanism.follower_values(commanded)}
         values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
         for name in known.keys() & mechanism.endless:
             values[name] += math.tau * round((known[name] - values[name]) / math.tau)
@@ -50,7 +50,7 @@ class JointRow:
     def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[Self]:
         """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
         mechanism = structure.mechanism
-        beyond = mechanism.followed(model.drive_offset_values())
+        beyond = mechanism.with_followers(model.drive_offset_values())
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
         columns |= structure.joint_values(closed.joints)
         columns = {name: values - beyond.get(name, 0.0) for name, values in columns.items()}
