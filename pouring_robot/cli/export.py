@@ -50,6 +50,6 @@ def export(
             f"{off_m.max() / MM:.2g} mm at most off"
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
-    followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}
+    followers = closed.mechanism.mimics if form in ("sdf", "drake") else ()
     counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
     options.print_notes([*([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])

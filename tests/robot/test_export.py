@@ -158,7 +158,7 @@ def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, f
     said = "SDF 1.7 knows no mimic, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (tmp_path / "out" / "tied.sdf").read_text()
-    assert mimic_notes({}) == []
+    assert mimic_notes(()) == []
 
 
 @pytest.mark.parametrize("form", ["sdf", "drake"])

@@ -15,6 +15,7 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.joint_types import EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
+from pouring_robot.mechanism.pinocchio_model import Mimic
 from pouring_robot.robot.description.urdf import joint_axis, limits_of, origin_pose, robot_name
 from pouring_robot.robot.export.closed_robot import ClosedRobot
 
@@ -94,7 +95,7 @@ class Assembly:
     joints: Mapping[str, Joint]  # by the name of the body that each moves; bodies that nothing carries are not in it
     loops: LoopsFile  # frames (bodies here) that coincide, drives, stiffness
     base: str  # the body that stands still, first of all
-    mimics: Mapping[tuple[str, str], float]  # ratio by follower and leader
+    mimics: tuple[Mimic, ...]  # joints that follow others
 
     @classmethod
     def of(cls, closed: ClosedRobot, urdf: bytes | None = None) -> Self:
@@ -128,8 +129,7 @@ class Assembly:
         for frame in mechanism.loops.loop_frames:
             if frame not in links:
                 raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
-        mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
-        return cls(robot_name(root), bodies, joints, mechanism.loops, base, mimics)
+        return cls(robot_name(root), bodies, joints, mechanism.loops, base, mechanism.mimics)
 
     def called(self, name: str, *taken: str) -> str:
         """Return a link's name where some are ``taken``, and ``world`` always: the robot's stands before it then."""

@@ -216,5 +216,6 @@ def _close(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> Non
         softness = {"solref": text((weld.time_constant, 1.0)), "solimp": text((*[weld.impedance] * 2, 1e-3, 0.5, 2.0))}
         kind, scale = ("weld", {"torquescale": repr(weld.torque_scale)}) if loop.type == "6d" else ("connect", {})
         etree.SubElement(equality, kind, name=loop.name, site1=loop.frame_a, site2=loop.frame_b, **scale, **softness)
-    for (follower, leader), ratio in assembly.mimics.items():
-        etree.SubElement(equality, "joint", joint1=follower, joint2=leader, polycoef=text((0.0, ratio, 0.0, 0.0, 0.0)))
+    for mimic in assembly.mimics:
+        ratio = text((0.0, mimic.ratio, 0.0, 0.0, 0.0))
+        etree.SubElement(equality, "joint", joint1=mimic.joint, joint2=mimic.leader, polycoef=ratio)

@@ -3,7 +3,7 @@
 SDF has no joint values: the zero of every joint is the pose that the file shows.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from lxml import etree
 from lxml.builder import E, ElementMaker
 
 from pouring_robot.mechanism.loops_file import LoopSpec
+from pouring_robot.mechanism.pinocchio_model import Mimic
 from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 
@@ -44,11 +45,11 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
     return xml_text(words.sdf(model, version=VERSION), indented=True)
 
 
-def mimic_notes(mimics: Mapping[tuple[str, str], float]) -> list[str]:
-    """Return what SDF cannot say of joints that follow others, by follower and leader: none where there is none."""
+def mimic_notes(mimics: Sequence[Mimic]) -> list[str]:
+    """Return what SDF cannot say of joints that follow others: none where there is none."""
     if not mimics:
         return []
-    said = ", ".join(f"{follower} = {ratio:g} {leader}" for (follower, leader), ratio in mimics.items())
+    said = ", ".join(f"{mimic.joint} = {mimic.ratio:g} {mimic.leader}" for mimic in mimics)
     return [f"SDF {VERSION} knows no mimic, so these joints move freely until the simulator couples them: {said}"]
 
 
