@@ -223,6 +223,14 @@ def test_links_that_are_no_boxes_are_refused(drawing):
         link_boxes(drawing.model.definition.urdf(), "nowhere")
 
 
+def test_a_box_whose_origin_is_no_place_is_refused_with_its_link():
+    box = '<visual><origin xyz="{}"/><geometry><box size="1 1 1"/></geometry></visual>'
+    urdf = f'<robot name="r"><link name="bar">{box}</link></robot>'
+    np.testing.assert_array_equal(link_boxes(urdf.format("1 0 2"), "bar"), [[[0.5, -0.5, 1.5], [1.5, 0.5, 2.5]]])
+    with pytest.raises(DescriptionError, match="link bar: origin xyz='1 0' is not three numbers"):
+        link_boxes(urdf.format("1 0"), "bar")
+
+
 def test_impossible_input_is_refused(network, drawing):
     with pytest.raises(TemperatureError, match=r"melt: -300 degC"):
         network.steady(POSE, -300.0)

@@ -77,13 +77,11 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
     root = etree.fromstring(urdf.encode())
     steps: dict[str, list[tuple[str, float]]] = {}
     for joint in root.iterfind("joint"):
-        origin, name = joint.find("origin"), str(joint.get("name"))
-        place = [] if origin is None else [float(value) for value in origin.get("xyz", "").split()]
-        slide = 0.0
+        name, slide = str(joint.get("name")), 0.0
         if joint.get("type") == "prismatic":
             slide = abs(values.get(name, 0.0)) or (float(np.ptp(limits_said(joint))) if name in driven else 0.0)
         parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
-        steps.setdefault(parent, []).append((child, float(np.linalg.norm(place)) + slide))
+        steps.setdefault(parent, []).append((child, float(np.linalg.norm(origin_pose(joint).translation)) + slide))
 
     def beyond(link: str) -> float:
         return max((length + beyond(child) for child, length in steps.get(link, ())), default=0.0)

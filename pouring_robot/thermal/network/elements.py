@@ -18,6 +18,7 @@ from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.robot.description.urdf import origin_pose
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry, Leg
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
@@ -33,7 +34,8 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
     """Return the boxes a link is drawn with, in the link's frame, (B, 2, 3); cylinders, as wheels, may be skipped.
 
     Raises:
-        DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes.
+        DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes, or an origin
+            is not six numbers.
     """
     visuals = etree.fromstring(urdf.encode()).findall(f"link[@name='{link}']/visual")
     if skip_round:
@@ -42,12 +44,11 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
         raise DescriptionError("URDF", f"link '{link}', which the thermal model needs, is missing or has no shape")
     boxes = []
     for visual in visuals:
-        box, origin = visual.find("geometry/box"), visual.find("origin")
-        placed = {} if origin is None else origin.attrib
-        if box is None or any(map(float, placed.get("rpy", "0 0 0").split())):
+        box, placed = visual.find("geometry/box"), origin_pose(visual)
+        if box is None or (placed.rotation != np.eye(3)).any():
             raise DescriptionError("URDF", f"link '{link}': the thermal model takes boxes along the link's axes only")
-        size, centre = (np.array(text.split(), dtype=float) for text in (box.get("size"), placed.get("xyz", "0 0 0")))
-        boxes.append([centre - 0.5 * size, centre + 0.5 * size])
+        half = 0.5 * np.array(box.get("size").split(), dtype=float)
+        boxes.append([placed.translation - half, placed.translation + half])
     return np.array(boxes)
 
 
