@@ -173,7 +173,7 @@ class _Fit:
     """The search, for one campaign; see :func:`fit_frames`."""
 
     def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
-        self.poses, self.measured, self.arm = poses, measured, metres_per_rad
+        self.poses, self.measured, self.metres_per_rad = poses, measured, metres_per_rad
         self.complete, self.turned = poses[poses.complete], bool(np.isfinite(measured.rotation).any())
 
     def starts(self) -> list[OuterFrames]:
@@ -181,7 +181,7 @@ class _Fit:
         complete = self.poses.complete & np.isfinite(self.measured.position_m).all(axis=1)
         if complete.sum() < FEWEST_FOR_FRAMES:
             raise FrameFitError(int(complete.sum()), FEWEST_FOR_FRAMES)
-        return frame_starts(self.poses[complete], self.measured[complete], self.arm)
+        return frame_starts(self.poses[complete], self.measured[complete], self.metres_per_rad)
 
     def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
         """Return what frames leave over."""
@@ -203,7 +203,7 @@ class _Fit:
 
     def _size(self, residual: tuple[FloatArray, FloatArray]) -> float:
         position, turn = (np.nansum(np.linalg.norm(part, axis=1)) for part in residual)
-        return float(position + self.arm * turn)
+        return float(position + self.metres_per_rad * turn)
 
     def untold(self, frames: OuterFrames, misfit_m: float = 0.0, misfit_rad: float = 0.0) -> _Untold:
         """Return what the data do not tell, given the misfit: directions with a σ below one; see the module."""
@@ -242,9 +242,9 @@ class _Fit:
         return frames
 
     def _step(self, frames: OuterFrames, parts: tuple[FloatArray, FloatArray], columns: FloatArray) -> FloatArray:
-        residual = np.column_stack([parts[0], self.arm * parts[1]])
+        residual = np.column_stack([parts[0], self.metres_per_rad * parts[1]])
         jacobian = frames.jacobian(self.poses) @ columns
-        jacobian[:, 3:] *= self.arm
+        jacobian[:, 3:] *= self.metres_per_rad
         scale = max(robust_sigma(residual), 1e-12)
         seen = (slice(0, 3), slice(3, 6))[: 1 + self.turned]
         rows = [_weighted(jacobian[:, part], residual[:, part], scale) for part in seen]

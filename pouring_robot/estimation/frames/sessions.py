@@ -100,12 +100,12 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     largest = np.flatnonzero(sessions == names[0])
     if np.count_nonzero(campaign.usable[largest]) < FEWEST_FOR_FRAMES:
         raise _too_few(campaign, names[0])
-    arm_m, seen = campaign.metadata.metres_per_rad, measured[largest]
-    first = fit_frames(poses[largest], seen.position_m, seen.rotation, arm_m).frames
+    metres_per_rad, seen = campaign.metadata.metres_per_rad, measured[largest]
+    first = fit_frames(poses[largest], seen.position_m, seen.rotation, metres_per_rad).frames
     target = PoseStack(first.places(poses), poses.rotation @ first.T_end_target.rotation)
     for name in names[1:]:
         rows = np.flatnonzero((sessions == name) & campaign.usable)
-        T_tracker_base = _seen_from(target[rows], measured[rows], arm_m)
+        T_tracker_base = _seen_from(target[rows], measured[rows], metres_per_rad)
         if T_tracker_base is None:
             raise _too_few(campaign, name)
         back = first.T_tracker_base * T_tracker_base.inverse()
@@ -115,10 +115,10 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     return dataclasses.replace(campaign, position_m=measured.position_m, rotation_vector_rad=turned)
 
 
-def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 | None:
+def _seen_from(target: PoseStack, measured: PoseStack, metres_per_rad: float) -> pin.SE3 | None:
     """Return where the base stands in the tracker that sees targets (base frame) as measured; None: too few rows.
 
-    Rows weigh by Huber; rotations, where measured, weigh as places at the end of an arm.
+    Rows weigh by Huber; rotations, where measured, weigh by ``metres_per_rad`` against places.
     """
     used = target.complete & np.isfinite(measured.position_m).all(axis=1)
     if used.sum() < FEWEST_FOR_FRAMES:
@@ -130,7 +130,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
         middle, seen = (np.average(stack.position_m, axis=0, weights=weights) for stack in (here, there))
         spread = np.einsum("n,ni,nj->ij", weights, there.position_m - seen, here.position_m - middle)
         turns = np.einsum("n,nij,nkj->ik", weights[turned], there.rotation[turned], here.rotation[turned])
-        rotation = nearest_rotations(spread + arm_m**2 * turns)
+        rotation = nearest_rotations(spread + metres_per_rad**2 * turns)
         base = pin.SE3(rotation, seen - rotation @ middle)
         left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
         sigma = robust_sigma(left / np.sqrt(3.0))

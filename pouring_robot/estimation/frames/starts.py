@@ -117,7 +117,7 @@ class _Form:
     """
 
     def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float, sets: FloatArray) -> None:
-        n, self.arm = len(poses), metres_per_rad
+        n, self.metres_per_rad = len(poses), metres_per_rad
         # Equations of a row: (A s - R t_2 - p) - c, by the entries of A, by t_2 and by one.
         self.rows = np.zeros((n, 3, 13))
         self.rows[:, :, :9] = np.kron(np.eye(3), measured.position_m[:, None])
@@ -198,5 +198,5 @@ class _Form:
             return misfit, constants, inner, np.tile(np.eye(3), (len(flat), 1, 1))
         inner_rotation = nearest_rotations((self.mean_turn @ flat[..., None]).reshape(-1, 3, 3))
         turned = np.einsum("nij,kj->kni", self.turns, flat, optimize=True) - inner_rotation.reshape(-1, 1, 9)
-        misfit = misfit + np.sqrt(0.5) * self.arm * np.linalg.norm(turned, axis=2).sum(axis=1)
+        misfit = misfit + np.sqrt(0.5) * self.metres_per_rad * np.linalg.norm(turned, axis=2).sum(axis=1)
         return misfit, constants, inner, inner_rotation
