@@ -193,7 +193,7 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
     return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
 
 
-def facts_of(robot: Robot) -> dict[str, Any]:
+def metadata_of(robot: Robot) -> dict[str, Any]:
     """Return what the metadata of a campaign may state of a robot, by their names there."""
     if not isinstance(robot, PouringRobot):
         return {"target": robot.model.definition.loops.end_frame, "reference_temperature_degC": REFERENCE_DEGC}
@@ -222,7 +222,7 @@ def _campaign(
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
         sigma_position_m=_stated(options.sigma_position_m),
         sigma_rotation_rad=_stated(options.sigma_rotation_rad),
-        **facts_of(robot),
+        **metadata_of(robot),
     )
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)

@@ -8,7 +8,7 @@ import pinocchio as pin
 from scipy.stats import qmc
 
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.campaign.simulate import facts_of
+from pouring_robot.campaign.simulate import metadata_of
 from pouring_robot.design.request import PlannedParameter
 from pouring_robot.effects.nominal_rows import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
@@ -42,7 +42,7 @@ class Columns:
         self.drives = robot.parameters.drives
         self._model = MeasurementModel(robot.model, self.local)
         self._lip_m = np.array(nominal.T_end_tool.translation)
-        self._facts = CampaignMetadata(**facts_of(robot))
+        self._facts = CampaignMetadata(**metadata_of(robot))
 
     def reachable(self, poses: FloatArray) -> BoolArray:
         """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
