@@ -22,7 +22,7 @@ from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.io.given import whole
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
+from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.closure.status import CLOSED, MODE_ENDS, NOT_CONVERGED
 from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter

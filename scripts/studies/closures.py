@@ -29,7 +29,7 @@ from pouring_robot.batch import BatchStart, engine_for
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.homotopy import jumps
+from pouring_robot.mechanism.closure.assembly_mode import jumps
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.closure.status import STATUS_NAMES
 from pouring_robot.robot.pouring_robot import PouringRobot

@@ -19,8 +19,8 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly, numbers
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
-from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
 from pouring_robot.mechanism.closure.status import GAP_TOO_LARGE, MODE_ENDS, NOT_CONVERGED, STATUS_NAMES, STAYS, settles
 from pouring_robot.mechanism.joint_limits import ROUND_OFF
