@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.compensation.near_singular import bring_to
+from pouring_robot.compensation.drives import bring_to
 from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, LockedPoseError
 from pouring_robot.io.given import expect
 from pouring_robot.io.tables import csv_text

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
-from pouring_robot.compensation.near_singular import bring_to
+from pouring_robot.compensation.drives import bring_to
 from pouring_robot.compensation.pose import compensate_drives, drive_notes
 from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.poses import PoseDifference
@@ -192,7 +192,7 @@ def searched(files, monkeypatch, stood, *beside):
         left = np.array([place_m, 0.0, 0.0, 0.0, angle_rad, 0.0])
         return Reached(here + np.array([way, 0.0, 0.0, 0.0]), wanted.actual, left, (2, 1), settled)
 
-    monkeypatch.setattr("pouring_robot.compensation.near_singular.bring", bring)
+    monkeypatch.setattr("pouring_robot.compensation.drives.bring", bring)
     nominal = wanted.poses("tool")[0]
     found, singular = bring_to(robot, wanted, Target(nominal.translation, nominal.rotation, "tool"))
     assert singular
