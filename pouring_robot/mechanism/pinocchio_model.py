@@ -38,30 +38,27 @@ class Mimic:
     offset: float  # in m or rad
 
 
-def read_mimics(urdf: str, source: Path) -> tuple[Mimic, ...]:
+def read_mimics(urdf: str, source: Path | str) -> tuple[Mimic, ...]:
     """Return joints that mimic others, mimics of mimics by the first; raises DescriptionError where they are wrong."""
     own = {}
-    for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
-        tied = joint.find("mimic")
-        if tied is not None and joint.get("type") != "fixed":
-            name = str(joint.get("name"))
-            try:
-                ratio, offset = float(tied.get("multiplier", 1.0)), float(tied.get("offset", 0.0))
-            except ValueError as problem:
-                why = f"joint '{name}': multiplier and offset of mimic must be numbers"
-                raise DescriptionError(f"URDF of {source}", why) from problem
-            own[name] = Mimic(name, str(tied.get("joint")), ratio, offset)
+    for tied in etree.fromstring(urdf.encode()).xpath("joint[not(@type='fixed')]/mimic[1]"):
+        name = str(tied.getparent().get("name"))
+        try:
+            ratio, offset = float(tied.get("multiplier", 1.0)), float(tied.get("offset", 0.0))
+        except ValueError as problem:
+            why = f"joint '{name}': multiplier and offset of mimic must be numbers"
+            raise DescriptionError(source, why) from problem
+        own[name] = Mimic(name, str(tied.get("joint")), ratio, offset)
     return tuple(_resolved(mimic, own, source) for mimic in own.values())
 
 
-def _resolved(mimic: Mimic, every: Mapping[str, Mimic], source: Path) -> Mimic:
+def _resolved(mimic: Mimic, every: Mapping[str, Mimic], source: Path | str) -> Mimic:
     for _ in every:
         if mimic.leader not in every:
             return mimic
         above = every[mimic.leader]
         mimic = Mimic(mimic.joint, above.leader, mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset)
-    why = f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free"
-    raise DescriptionError(f"URDF of {source}", why)
+    raise DescriptionError(source, f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free")
 
 
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> tuple[str, tuple[Mimic, ...], pin.Model]:
@@ -80,7 +77,7 @@ def _tree_of(
     changed = dict(kinds) | dict.fromkeys(cut, "floating")
     try:
         tree_urdf = change_joints(urdf, changed)
-        mimics = read_mimics(tree_urdf, source)
+        mimics = read_mimics(tree_urdf, f"URDF of {source}")
     except UnknownJointError as problem:
         key = "cut_joints" if problem.name in cut else "joint_types"
         raise DescriptionError(source, f"{key}: {problem}") from problem

@@ -74,9 +74,8 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
 
     Slides count with their values (m), or, where these are zero, with how far they are driven.
     """
-    root = etree.fromstring(urdf.encode())
     steps: dict[str, list[tuple[str, float]]] = {}
-    for joint in root.iterfind("joint"):
+    for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
         name, slide = str(joint.get("name")), 0.0
         if joint.get("type") == "prismatic":
             slide = abs(values.get(name, 0.0)) or (float(np.ptp(limits_said(joint))) if name in driven else 0.0)

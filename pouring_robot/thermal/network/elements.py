@@ -34,8 +34,7 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
     """Return the boxes a link is drawn with, in the link's frame, (B, 2, 3); cylinders, as wheels, may be skipped.
 
     Raises:
-        DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes, or an origin
-            is not six numbers.
+        DescriptionError: the URDF has no such link, or it is drawn with other shapes, turned boxes or a false origin.
     """
     visuals = etree.fromstring(urdf.encode()).findall(f"link[@name='{link}']/visual")
     if skip_round:
