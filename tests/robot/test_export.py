@@ -257,6 +257,23 @@ def test_mujocos_loops_are_as_stiff_as_ours(crooked, tmp_path):
     np.testing.assert_allclose(rows[:, 3:] * (scale[:, None] / 2.0) ** 2, 1e5, rtol=1e-6)  # it counts half an angle
 
 
+def test_loops_in_mujoco_are_as_stiff_at_a_link_whose_mass_is_another_s_that_is_fixed_to_it(tmp_path):
+    source = ROBOTS / "five_bar" / "robot.yaml"
+    root = etree.fromstring(RobotModel.for_robot(source).definition.urdf().encode())
+    etree.SubElement(root, "link", name="pin_body").append(root.find("link[@name='right_pin']/inertial"))
+    mount = etree.SubElement(root, "joint", name="pin_mount", type="fixed")
+    etree.SubElement(mount, "parent", link="right_pin")
+    etree.SubElement(mount, "child", link="pin_body")
+    (tmp_path / "pin.urdf").write_bytes(etree.tostring(root))
+    (tmp_path / "robot.yaml").write_text(source.read_text().replace("xacro: five_bar.urdf.xacro", "urdf: pin.urdf"))
+    closed = ClosedRobot.of(RobotModel.for_robot(tmp_path / "robot.yaml"))
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "out", "mjcf")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rows = (data.efc_KBIP[: data.ne, 0] / data.efc_R[: data.ne]).reshape(-1, 6)
+    np.testing.assert_allclose(rows[:, :3], 1e8, rtol=1e-6)
+
+
 def settled(closed, payload_kg, most=40):
     """Let a robot go in MuJoCo, the drives' servos at their commands; return the platform in the base at rest.
 

@@ -141,6 +141,18 @@ class Assembly:
             name = self.joints[name].parent
         return name
 
+    def fixed_to(self, name: str) -> Iterator[str]:
+        """Yield a body and those that are fixed to it, down the tree."""
+        yield name
+        for child in self.carried_by(name):
+            if self.joints[child].kind == "fixed":
+                yield from self.fixed_to(child)
+
+    def heavy(self, name: str) -> str:
+        """Return a body with mass that a frame goes with: its :meth:`solid`, or what is fixed to that; else that."""
+        solid = self.solid(name)
+        return next((body for body in self.fixed_to(solid) if self.bodies[body].inertia is not None), solid)
+
     def carried_by(self, name: str) -> tuple[str, ...]:
         """Return the bodies that a body carries by joints."""
         return tuple(joint.child for joint in self.joints.values() if joint.parent == name)

@@ -78,7 +78,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
 def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
     """Return how readily each loop's body, all loops open, is moved, in 1/kg, and turned, in 1/(kg m²), by name.
 
-    At its centre of mass, mean of the three directions.
+    At its centre of mass, mean of the three directions; MuJoCo does not say where a body without mass has its own.
     """
     mechanism, found = closed.mechanism, {}
     model, data = mechanism.shared_model, mechanism.shared_model.createData()
@@ -95,7 +95,7 @@ def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[floa
         )
     pin.computeJointJacobians(model, data, closed.result.configuration)
     for loop in assembly.loops.loops:
-        for name in (assembly.solid(loop.frame_a), assembly.solid(loop.frame_b)):
+        for name in (assembly.heavy(loop.frame_a), assembly.heavy(loop.frame_b)):
             inertia = assembly.bodies[name].inertia
             if inertia is None or name == assembly.base:
                 found[name] = (0.0, 0.0)
@@ -123,10 +123,8 @@ def _placed(parent: Any, assembly: Assembly, name: str, above: pin.SE3, *, free:
 
 def _weighs(body: Body, assembly: Assembly) -> bool:
     """Return whether a body, or one that is fixed to it, has a mass that is neither a point nor a line."""
-    if body.inertia is not None and np.linalg.eigvalsh(body.inertia.inertia).min() > _LEAST_MOMENT:
-        return True
-    fixed = (name for name in assembly.carried_by(body.name) if assembly.joints[name].kind == "fixed")
-    return any(_weighs(assembly.bodies[name], assembly) for name in fixed)
+    masses = (assembly.bodies[name].inertia for name in assembly.fixed_to(body.name))
+    return any(mass is not None and np.linalg.eigvalsh(mass.inertia).min() > _LEAST_MOMENT for mass in masses)
 
 
 def _fill(element: Any, body: Body, assembly: Assembly) -> None:
@@ -156,7 +154,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
     for shape in body.collisions:
         _geom(element, shape, assembly, group="3")
     for frame in dict.fromkeys(assembly.loops.loop_frames):
-        if assembly.solid(frame) == body.name:
+        if assembly.heavy(frame) == body.name:
             place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
             etree.SubElement(element, "site", name=frame, group="4", **place)
     for name in assembly.carried_by(body.name):
@@ -202,7 +200,7 @@ class _Weld:
 
     @classmethod
     def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> Self:
-        ends = (mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
+        ends = (mobilities[assembly.heavy(frame)] for frame in (loop.frame_a, loop.frame_b))
         slide, turn = (sum(parts) for parts in zip(*ends, strict=True))
         along, about = assembly.loops.stiffness_si
         time = min(_TIME_CONSTANT, 1.0 / math.sqrt(along * slide * _LARGEST_IMPEDANCE * (1.0 - _LARGEST_IMPEDANCE)))
