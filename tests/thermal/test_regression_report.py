@@ -10,7 +10,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.exceptions import BadInputError, DescriptionError, TableError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
-from pouring_robot.thermal.regression.report import by_axis, read_positions, regress
+from pouring_robot.thermal.regression.report import blocks, by_axis, read_positions, regress
 from pouring_robot.thermal.regression.table import ErrorTable
 from pouring_robot.thermal.regression.thermal_model import Positions, ThermalModel
 from tests.support import ROOT
@@ -120,6 +120,23 @@ def test_more_groups_than_sets_are_refused(measured):
         regress(measured[0], axis="x", n_clusters=11)
     assert len(regress(measured[0], axis="x", n_clusters=10).axes["x"].sensitive) == 10
     assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
+
+
+def test_the_group_that_no_set_frees_of_collinearity_is_told_wherever_it_stands():
+    t = np.linspace(-1.0, 1.0, 12)
+    between, last = t + 0.175 * np.sin(7.0 * t), 0.6 * t + np.cos(3.0 * t)
+    second = [between, between + 0.02 * np.cos(20.0 * t)]
+    third = [last + 0.01 * np.cos(11.0 * k * t) for k in (1, 2, 3)]
+    sets = 1e-3 * np.column_stack([t + 0.05 * np.cos(9.0 * t), *second, *third])
+    found = regress(ErrorTable(1400.0 + 500.0 * t, sets, tuple("ABCDEF")), n_clusters=3)
+    selector = found.axes[""].model.selector_
+    assert selector.guard_held_.tolist() == [True, False, True]
+    told = [block.text for block in blocks(found) if "collinearity" in getattr(block, "text", "")]
+    name = found.axes[""].sensitive[1]
+    assert told == [
+        f"note: no set of the group of {name} is free of collinearity (VIF "
+        f"{selector.vif_[selector.sensitive_[1]]:.4g}); components bear it"
+    ]
 
 
 def test_a_set_that_equation_21_does_not_hold_is_told_by_its_name():

@@ -350,7 +350,12 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
             )
         elif one.unseen[PAPER].rms > HELPS_BELOW * one.unseen[NONE].rms:
             notes.append(f"{where}the paper's P_end does not help here: poses err in opposite directions")
-        vif = one.model.selector_.vif_[one.model.selector_.sensitive_[-1]]
-        if not one.model.selector_.guard_held_.all():
-            notes.append(f"{where}no set of the last group is free of collinearity (VIF {vif:.4g}); components bear it")
+        selector = one.model.selector_
+        notes += [
+            f"{where}no set of the group of {name} is free of collinearity (VIF {vif:.4g}); components bear it"
+            for name, vif, held in zip(
+                one.sensitive, selector.vif_[selector.sensitive_], selector.guard_held_, strict=True
+            )
+            if not held
+        ]
     return notes
