@@ -15,7 +15,7 @@ from pouring_robot.robot.pouring.thermal_properties import load_thermal_properti
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.warm_pouring_robot import WarmRobot
-from pouring_robot.thermal.network.temperature_field import gradient_across_tube
+from pouring_robot.thermal.network.temperature_field import TemperatureField, gradient_across_tube
 from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
@@ -165,6 +165,14 @@ def test_gradient_across_a_tube_against_a_boundary_value_solver():
     assert found == pytest.approx(moment, rel=1e-6)
     solid = gradient_across_tube(flux, conductivity, np.array(loss), np.array(0.02), np.array(0.0))
     assert solid == pytest.approx(flux / (conductivity + loss * 0.02))
+    # The same tube as a leg: from its hot side to its cold one.
+    leg = SimpleNamespace(
+        bodies=SimpleNamespace(grid=SimpleNamespace(outer_m=np.array([outer]), inner_m=np.array([inner]))),
+        gradient_K_per_m=np.tile([found, 0.0, 0.0], (4, 1, 1)),
+        between_joints=np.ones((4, 1)),
+    )
+    difference = TemperatureField.leg_difference_K.fget(leg)
+    assert difference == pytest.approx(np.full(4, 2.0 * solution.sol(outer)[0]), rel=1e-6)
 
 
 def test_even_gradient_bends_a_leg_into_a_circle():

@@ -112,8 +112,15 @@ class TemperatureField:
 
     @property
     def leg_difference_K(self) -> FloatArray:
-        """Largest temperature difference from one side of a leg to the other, shape (4,): gradient times diameter."""
-        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * 2.0 * self.bodies.grid.outer_m
+        """Largest temperature difference from one side of a leg to the other, on its surface, shape (4,).
+
+        Of a solid rod it is the gradient times the diameter, of a tube 2 a (R + r²/R), with a of
+        :func:`gradient_across_tube`: less than what bends it would make of its diameter.
+        """
+        grid = self.bodies.grid
+        hollow = (grid.inner_m / grid.outer_m) ** 2
+        wide = 2.0 * grid.outer_m * (1.0 + hollow) ** 2 / (1.0 + 3.0 * hollow)
+        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * wide
         return np.asarray((across * (self.between_joints > 0.0)).max(axis=1))
 
 
