@@ -206,6 +206,27 @@ def test_heavier_ladle_pulls_harder(bench):
     assert heavier.drive_force == pytest.approx(2.0 * bench.rows.conditions.drive_force, rel=1e-12)
 
 
+def test_a_rod_stretches_under_its_load_whichever_way_its_slide_counts(tmp_path):
+    """Hooke's law: what hangs on a rod of steel is lower by W l / E A, and a slide may count down or up from zero."""
+    lowered = {}
+    for way, limits in ((-1.0, "0 1"), (1.0, "-1 0")):
+        lower, upper = limits.split()
+        urdf = f"""<robot name="hoist"><link name="hall"/><link name="hook"/>
+          <joint name="rod" type="prismatic"><parent link="hall"/><child link="hook"/><axis xyz="0 0 {way}"/>
+            <limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/></joint></robot>"""
+        (tmp_path / "hoist.urdf").write_text(urdf, encoding="utf-8")
+        said = "name: hoist\nurdf: hoist.urdf\nbase_frame: hall\nend_frame: hook\ndrives: [{joint: rod}]\n"
+        (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
+        robot = RobotDefinition.load(tmp_path / "robot.yaml")
+        lengths, weight = np.array([[0.2], [0.5], [0.9]]), 1000.0
+        rows = replace(bare_conditions(robot), drives=-way * lengths, drive_force=np.full((3, 1), -way * weight))
+        rod = all_effects(robot)["drive_compliance"].form("rod", rows).parameters[0]
+        assert rod.bounds[0] == 0.0  # it gives way, and never comes to meet its load
+        lowered[way] = -way * rod.changes["drive.rod"]
+    np.testing.assert_allclose(lowered[-1.0], 1e-3 * np.array([0.2, 0.5, 0.9]), rtol=1e-12)
+    np.testing.assert_allclose(lowered[1.0], lowered[-1.0], rtol=1e-12)
+
+
 def test_moments_on_joints_turn_closures_as_far_as_they_yield(bench, drawing, stiff_mechanism):
     """What the energy makes of closures that yield to turning alone, against moment over stiffness at their joints."""
     row, mass, softer = 7, 300.0, 1e-9

@@ -86,7 +86,7 @@ class Stretch(_Yielding):
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
         places = conditions.places(self.drives)
         pull = np.asarray(conditions.drive_force)[:, places] / self.load
-        rod = pull * conditions.spans[:, places] / self.length_m
+        rod = pull * np.abs(conditions.spans[:, places]) / self.length_m  # whichever way from zero it is drawn out
         at, changes = f" {_at(self.load, 'N')}", functools.partial(of_drives, self.drives, MM)
         stiffening = EffectParameter("stiffening", f"mm{at}", _LATER, changes(pull * np.abs(pull)), main=False)
         share = EffectParameter("rod_share", f"mm{at}", 0.3, changes(rod - pull), main=False)
