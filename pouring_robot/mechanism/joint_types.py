@@ -86,8 +86,9 @@ def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
             here = slice(own.idx_q, own.idx_q + own.nq)
             made.lowerPositionLimit[here] = model.lowerPositionLimit[old]
             made.upperPositionLimit[here] = model.upperPositionLimit[old]
-            said = model.upperEffortLimit[joint.idx_v : joint.idx_v + joint.nv]
-            made.upperEffortLimit[own.idx_v : own.idx_v + own.nv] = said
+            moved, there = slice(joint.idx_v, joint.idx_v + joint.nv), slice(own.idx_v, own.idx_v + own.nv)
+            for limit in ("upperEffortLimit", "velocityLimit"):
+                getattr(made, limit)[there] = getattr(model, limit)[moved]
     for frame in list(model.frames)[1:]:
         made.addFrame(frame, False)
     return made

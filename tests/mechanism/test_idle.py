@@ -255,8 +255,9 @@ def test_spherical_joints_keep_masses_limits_and_frames():
     model = after.shared_model
     assert (model.nq, model.nv) == (5, 4)
     assert after.joint_limits()["a_j2"] == pytest.approx((-3.2, 3.2))
-    efforts = [m.upperEffortLimit[m.idx_vs[m.getJointId("a_j2")]] for m in (before.shared_model, model)]
-    assert efforts[0] == efforts[1]  # by which compliance is expected
+    for limit in ("upperEffortLimit", "velocityLimit"):  # by which compliance is expected, and pauses are counted
+        said, kept = (getattr(m, limit)[m.idx_vs[m.getJointId("a_j2")]] for m in (before.shared_model, model))
+        assert kept == said
     assert [f.name for f in model.frames] == [f.name for f in before.shared_model.frames]
     assert after.frame_paths == before.frame_paths
     masses = [[i.mass for i in m.inertias] for m in (before.shared_model, model)]
