@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.effects.conditions import FORCE, LOAD, RISE, SIDES, Conditions
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.io.units import MM, UNITS
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.description.cause_types import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
@@ -51,7 +53,8 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     causes = causes_of(robot)
     words = causes.words
     load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
-    found = {"weight_n": replace(_of_weight(causes, load), word="load")}
+    least_n = _least_load_n(robot, causes)
+    found = {"weight_n": replace(_of_weight(causes, load, least_n), word="load")}
     found["joint_moments"] = Facts(
         _drawn("mean moment on a joint [Nm]", "joint_moments", lambda given: np.abs([*given.values()]).mean(axis=0)),
         sources=(INERTIAS,),
@@ -62,7 +65,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     for group, drives in robot.groups.items():
         borne = drives[0].load
         label = words.force.get(group, f"mean {borne} on {group} [k{next(iter(UNITS[borne]))}]")
-        found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", label)
+        found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", label, least_n)
     found |= {f"{travel}_m": _travel(travel, causes.travel_words.get(travel)) for travel in robot.travels}
     found["truss_span_m"] = Facts(
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
@@ -104,7 +107,18 @@ def _screw(given: Conditions) -> tuple[str, FloatArray | None]:
     return label, None if pitch is None else np.mod(360.0 * given.lengths_m[:, 0] / pitch, 360.0)
 
 
-def _of_weight(causes: Causes, axis: Drawn) -> Facts:
+def _least_load_n(robot: RobotDefinition, causes: Causes) -> float:
+    """Return by how much a load differs at least that was varied, in N.
+
+    Arms carry a tenth of what they weigh or more: a tenth of that. Where the load is far more than a robot weighs, as
+    that of a ladle, half a kilonewton.
+    """
+    if not causes.own_weight:
+        return 500.0
+    return max(1.0, 0.01 * GRAVITY_M_S2 * float(pin.computeTotalMass(robot.mechanism().shared_model)))
+
+
+def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> Facts:
     """Return the facts of a condition that goes by the load; a tare counts where the links' own weight does not."""
     words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
     return Facts(
@@ -112,13 +126,13 @@ def _of_weight(causes: Causes, axis: Drawn) -> Facts:
         sources=(LOAD, *tare),
         record=f"the load ({LOAD})" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
         vary=f"measure the same poses with the {words.moved} empty and full",
-        least_spread=500.0,
+        least_spread=least_n,
         varied="weight_n",
     )
 
 
-def _force(causes: Causes, name: str, label: str) -> Facts:
-    found = _of_weight(causes, _drawn(label, name, lambda force: np.asarray(force.mean(axis=1)) / _KILO))
+def _force(causes: Causes, name: str, label: str, least_n: float) -> Facts:
+    found = _of_weight(causes, _drawn(label, name, lambda force: np.asarray(force.mean(axis=1)) / _KILO), least_n)
     return replace(found, sources=(INERTIAS,), record=f"the {INERTIAS}") if causes.own_weight else found
 
 

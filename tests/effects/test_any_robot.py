@@ -17,7 +17,7 @@ from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.facts import INERTIAS, sources
+from pouring_robot.effects.facts import INERTIAS, held_still, sources
 from pouring_robot.effects.families.drives import Ratio, Scale
 from pouring_robot.effects.made_up import bare_conditions, complete_conditions
 from pouring_robot.effects.under import robots_under
@@ -62,6 +62,14 @@ def rows(request, tmp_path_factory):
     again = CampaignRows(itself, model, NOISE)
     again.frames = rows.frames
     return again
+
+
+def test_a_load_is_varied_by_what_the_robot_is_made_for():
+    """An arm of 29 kg lifts ten; with half a pound more or less nothing was varied."""
+    robot = RobotModel.for_robot(ROOT / "examples" / "machines" / "ur10" / "robot.yaml").definition
+    for mass_kg, still in ((10.0, False), (0.2, True)):
+        rows = replace(bare_conditions(robot, 4), weight_n=9.80665 * mass_kg * np.array([0.0, 1.0, 0.0, 1.0]))
+        assert held_still("weight_n", rows) is still
 
 
 def test_slides_grow_with_the_links_or_are_measured_by_what_does_not(rows):
