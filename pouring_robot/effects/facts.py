@@ -66,7 +66,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
         borne = drives[0].load
         label = words.force.get(group, f"mean {borne} on {group} [k{next(iter(UNITS[borne]))}]")
         found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", label, least_n)
-    found |= {f"{travel}_m": _travel(travel, causes.travel_words.get(travel)) for travel in robot.travels}
+    found |= {f"{travel}_m": _travel(robot, travel, causes.travel_words.get(travel)) for travel in robot.travels}
     found["truss_span_m"] = Facts(
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
     )
@@ -115,7 +115,7 @@ def _least_load_n(robot: RobotDefinition, causes: Causes) -> float:
     """
     if not causes.own_weight:
         return 500.0
-    return max(1.0, 0.01 * GRAVITY_M_S2 * float(pin.computeTotalMass(robot.mechanism().shared_model)))
+    return max(1.0, 0.01 * GRAVITY_M_S2 * float(pin.computeTotalMass(robot.drawing().mechanism.shared_model)))
 
 
 def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> Facts:
@@ -136,13 +136,21 @@ def _force(causes: Causes, name: str, label: str, least_n: float) -> Facts:
     return replace(found, sources=(INERTIAS,), record=f"the {INERTIAS}") if causes.own_weight else found
 
 
-def _travel(name: str, words: tuple[str, str] | None) -> Facts:
+def _least_way_m(robot: RobotDefinition, joints: Iterable[str], most: float) -> float:
+    """Return by how much sliding joints differ at least that were moved, in m: half of the longest way, or less."""
+    limits = robot.drawing().mechanism.joint_limits()
+    ways = (high - low for low, high in (limits.get(joint, (-np.inf, np.inf)) for joint in joints))
+    return min(most, 0.5 * max(ways))
+
+
+def _travel(robot: RobotDefinition, name: str, words: tuple[str, str] | None) -> Facts:
     record, vary = words or (
         f"the place of the base ({name}_m)",
         "measure at both ends and in the middle of its travel, with and without load",
     )
     word = name.replace("_", " ")
-    return Facts(_drawn(f"{word} [m]", f"{name}_m"), word, (f"{name}_m",), record, vary, 1.0)
+    least = _least_way_m(robot, (name,), 1.0)
+    return Facts(_drawn(f"{word} [m]", f"{name}_m"), word, (f"{name}_m",), record, vary, least)
 
 
 def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
@@ -185,7 +193,7 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
         found["lengths_m"] = Facts(
             _drawn(f"length of {first.words} [mm]", "lengths_m", lambda lengths: lengths[:, 0] / MM),
             vary=f"measure with {group} as short and as long as they can be",
-            least_spread=0.1,
+            least_spread=_least_way_m(robot, (drive.joint for drive in slides), 0.1),
             by_pose=True,
         )
     if turns:

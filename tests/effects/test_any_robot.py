@@ -64,6 +64,20 @@ def rows(request, tmp_path_factory):
     return again
 
 
+@pytest.mark.parametrize(("length", "moved", "still"), [(0.8, 0.8, False), (0.8, 0.1, True), (6.0, 0.8, True)])
+def test_a_rail_was_moved_along_where_most_of_it_was(tmp_path, length, moved, still):
+    urdf = f"""<robot name="hung"><link name="hall"/><link name="base"/><link name="tool"/>
+      <joint name="rail" type="prismatic"><parent link="hall"/><child link="base"/>
+        <axis xyz="1 0 0"/><limit lower="0" upper="{length}" effort="1" velocity="1"/></joint>
+      <joint name="pan" type="continuous"><parent link="base"/><child link="tool"/></joint></robot>"""
+    (tmp_path / "hung.urdf").write_text(urdf, encoding="utf-8")
+    said = "name: hung\nurdf: hung.urdf\nbase_frame: base\nend_frame: tool\ntravel: [rail]\ndrives: [{joint: pan}]\n"
+    (tmp_path / "robot.yaml").write_text(f"format: pouring_robot/robot/1\n{said}", encoding="utf-8")
+    robot = RobotModel.for_robot(tmp_path / "robot.yaml").definition
+    rows = replace(bare_conditions(robot), travels={"rail": np.linspace(0.0, moved, 3)})
+    assert held_still("rail_m", rows) is still
+
+
 def test_a_load_is_varied_by_what_the_robot_is_made_for():
     """An arm of 29 kg lifts ten; with half a pound more or less nothing was varied."""
     robot = RobotModel.for_robot(ROOT / "examples" / "machines" / "ur10" / "robot.yaml").definition
