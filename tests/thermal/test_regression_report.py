@@ -74,6 +74,10 @@ def test_the_file_says_what_the_line_says(measured, tmp_path):
     with pytest.raises(BadInputError, match="needs z"):
         model.displacement_m(1500.0, {"x": 0.0, "y": 0.0})
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    down = content | {"melt_degC": content["melt_degC"][::-1]}
+    path.write_text(yaml.safe_dump(down), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"'melt_degC': a range runs upwards, not from 1700 to 600"):
+        ThermalModel.load(path)
     offset = content["axes"]["x"]["coefficients"][0]
     for wrong in (offset[:3], offset[:1]):
         content["axes"]["x"]["coefficients"][0] = wrong
@@ -167,6 +171,9 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
     with file.open("a", encoding="utf-8") as stream:
         stream.write("\nB,3,10,0.5\n")
     with pytest.raises(TableError, match="set B stands more than once, in lines 2, 5; keep one"):
+        read_positions(file, ("A", "B"))
+    file.write_text("set,x_mm,x_m\nA,1,0.3\nB,2,0.2\n", encoding="utf-8")  # a pose has one x
+    with pytest.raises(TableError, match="'x' stands twice, in two units; keep one"):
         read_positions(file, ("A", "B"))
     file.write_text("set\nA\nB\n", encoding="utf-8")
     with pytest.raises(TableError, match="no column says where the sets were measured; add x_mm"):

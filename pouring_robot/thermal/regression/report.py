@@ -272,6 +272,8 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         name, _, unit = heading.rpartition("_")
         if not name or unit not in KINDS:
             raise table.heading_fault(f"column '{heading}' has no unit of length or angle")
+        if name in inputs:
+            raise table.heading_fault(f"'{name}' stands twice, in two units; keep one of the two columns")
         inputs.append(name)
         units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))

@@ -25,7 +25,7 @@ import pydantic
 from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.thermal.regression.table import ErrorTable
@@ -125,10 +125,10 @@ class ThermalModel(StrictModel):
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
     source: str
     temperature_degC: float
-    melt_degC: tuple[float, float]
+    melt_degC: Range
     inputs: tuple[str, ...] = ()
     centre: tuple[float, ...] = ()
-    ranges: dict[str, tuple[float, float]] = pydantic.Field(default_factory=dict)
+    ranges: dict[str, Range] = pydantic.Field(default_factory=dict)
     axes: dict[Literal["x", "y", "z"], AxisModel] = pydantic.Field(min_length=1)
 
     @pydantic.model_validator(mode="after")
