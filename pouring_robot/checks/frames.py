@@ -168,10 +168,8 @@ class FrameChecks:
                     break
         return drives
 
-    def _found(
-        self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float], rows: Iterable[int] = ()
-    ) -> None:
-        self.flags.append(found(self.campaign, code, message, rows, names, metrics))
+    def _found(self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float]) -> None:
+        self.flags.append(found(self.campaign, code, message, (), names, metrics))
 
     def _unreachable(self) -> None:
         drives, remedy = self.data.drives, ""
