@@ -38,7 +38,6 @@ _FREE = 1e-9
 """Prior of a free unknown over all that the rows tell of it: it holds none, where rounding alone would tell of it."""
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
-_ROUND_OFF = 1e-9  # freedom of an equation: less is what adding up leaves of none, of either sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,5 +305,4 @@ class Diagnoser:
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
     component = after.fitted_rows.component
-    freedom = hypothesis.freedom.clip(min=_ROUND_OFF)
-    return noise.left_over(noise.measured, component, hypothesis.remainder, freedom, fewest=0.0)
+    return noise.left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)

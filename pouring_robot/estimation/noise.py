@@ -33,6 +33,7 @@ LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
 _FEWEST_FREEDOMS = 12
+_ROUND_OFF = 1e-9  # freedoms: fewer are what adding up leaves of none, of either sign
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
 _SAME_LOAD = 0.01
 """Of the largest: a load that is weighed is never twice the same, and what a hundredth of it does is less than noise
@@ -290,7 +291,7 @@ def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> f
     unknowns were spent have n - p together. Of more than ``fewest`` something is told; where priors hold the unknowns,
     each counted by how far the data determine it, by any share of one.
     """
-    left = float(freedom.sum())
+    left = max(float(freedom.sum()), _ROUND_OFF)
     return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
 
 

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.where.free_residuals import FreeResiduals, size_tex
 from pouring_robot.diagnosis.where.misfit import overall
 from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.estimation.noise import Noise, NoiseLevel
+from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.problem import Nuisance
@@ -288,6 +288,25 @@ def test_each_kind_of_reading_has_its_own_noise():
     found = dataclasses.replace(data, component=component, noise=GUESSED).scaled(left)
     # Of 90 values a root mean square is known to 7.5 %.
     np.testing.assert_allclose(found.sigma, std * data.sigma, rtol=4 * 0.075)
+
+
+def test_what_frames_spend_of_few_rows_is_no_lack_of_noise():
+    """Of 14 places frames leave 33 of 42 values to the noise, whose root mean square is 0.89 of it."""
+    rng = np.random.default_rng(22)
+    data = dataclasses.replace(seen(rng, scene(rng, 14, 0), full=False), noise=GUESSED)
+    draws = [dataclasses.replace(data, residual=rng.normal(size=42)) for _ in range(400)]
+    variances = [np.square(draw.scaled(draw.cleared).sigma[0] / SIGMA_M) for draw in draws]
+    assert np.mean(variances) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / 33.0 / 400.0))
+
+
+def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left():
+    rng = np.random.default_rng(23)
+    data = seen(rng, scene(rng, 20, 0))
+    alone = np.flatnonzero((data.component < 3) | (data.row == 0))  # one rotation, which turns the target
+    kept = (data.residual[alone], data.row[alone], data.component[alone], data.sigma[alone])
+    data = FreeResiduals(*kept, Nuisance.of(data.nuisance.axes[alone]), data.axes, (), GUESSED)
+    turned = data.scaled(data.cleared).sigma[data.turning]
+    np.testing.assert_allclose(turned, LEAST_NOISE, rtol=1e-12)
 
 
 def test_few_rows_and_lost_cells():

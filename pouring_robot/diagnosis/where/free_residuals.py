@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from pouring_robot.estimation.kinds import are, kinds_of
-from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, chance_of
+from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, chance_of, scatter
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.units import MM, MRAD, shown_in
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +50,14 @@ class FreeResiduals:
         return are("rotation", self.component)
 
     def scaled(self, left: FloatArray) -> FreeResiduals:
-        """Return the same with the root mean square of what is left, (m,), of each kind of reading, for noise.
+        """Return the same with the scatter of what is left, (m,), of each kind of reading, for noise.
 
         At least :data:`LEAST_NOISE`: what the frames explain exactly, one rotation say, leaves rounding and no noise.
         """
-        factor = LEAST_NOISE / self.sigma
+        factor, freedom = LEAST_NOISE / self.sigma, 1.0 - np.square(self.nuisance.axes).sum(axis=1)
         for kind in kinds_of(self.component):
             own = are(kind, self.component)
-            factor[own] = np.maximum(factor[own], rms(left[own]))
+            factor[own] = np.maximum(factor[own], scatter(left[own], freedom[own], fewest=0.0))
         return replace(
             self,
             residual=self.residual / factor,
