@@ -65,7 +65,7 @@ class Estimate:
         return abs(self.value) > self.half_width
 
 
-def value_and_half_width(value: float, std: float, freedoms: float = math.inf) -> tuple[str, str]:
+def value_and_half_width(value: float, std: float, freedoms: float) -> tuple[str, str]:
     """Return a value and its 95 % half width as text, two digits of the latter; ``freedoms`` tell the std."""
     half = deviations95(freedoms) * std
     digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3

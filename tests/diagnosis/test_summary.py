@@ -370,7 +370,7 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
 )
 def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
     parameter = EffectParameter("l1_offset", "mm", 1.0, {})
-    assert value_and_half_width(value, std) == shown
+    assert value_and_half_width(value, std, math.inf) == shown
     assert parameter_text("l1_offset", FoundParameter(parameter, value, std)) == f"l1 offset {shown[0]} ± {shown[1]} mm"
 
 

@@ -137,8 +137,9 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     assert components == ["y"]
 
 
-def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch):
-    """1.96 standard deviations of a normal value, as wherever there is a ±: of 10 um 0.0196 mm, of 20 um 0.039."""
+@pytest.mark.parametrize(("freedoms", "halves"), [(np.inf, ("0.020", "0.039")), (12.0, ("0.022", "0.044"))])
+def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch, freedoms, halves):
+    """1.96 standard deviations, as wherever there is a ±; 2.18, Student's t, by a noise that 12 freedoms tell."""
     summed = Discrepancy.sum
 
     def known(*asked):
@@ -154,9 +155,10 @@ def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch):
     given = scene(rng)
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
     error = moved(given, 1, 5e-4 * load) + moved(given, 2, 4e-4 * load)
-    where = disagreements(seen(rng, given, error), given, 0.01)
+    noise = NoiseLevel({"position": Noise(SIGMA_M, "repeats", freedoms)})
+    where = disagreements(dataclasses.replace(seen(rng, given, error), noise=noise), given, 0.01)
     (sentence,) = [f.sentence for f in where.findings if f.what == "condition"]
-    assert ": y by 0.400 ± 0.020 mm and z by 0.300 ± 0.039 mm (rms, 95 %)" in sentence
+    assert f": y by 0.400 ± {halves[0]} mm and z by 0.300 ± {halves[1]} mm (rms, 95 %)" in sentence
 
 
 def test_time_and_load_are_both_named():

@@ -62,22 +62,30 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
         others = [item for item in found if item is not together[0]]
         rivals = [by for by in discrepancy.rivals(together[0], others) if by not in (CHANCE, together[0].process.by)]
         bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
-        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes))
+        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes), data.noise.freedoms)
         findings.append(replace(finding, share=float(part @ part) / total))
     return sorted(findings, key=lambda finding: -finding.share), settled
 
 
 def _finding(
-    together: Sequence[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], tried: int
+    together: Sequence[Summand],
+    given: Conditions,
+    rivals: tuple[str, ...],
+    bounds: Mapping[str, float],
+    tried: int,
+    freedoms: float,
 ) -> Finding:
-    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
+    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds).
+
+    Of so many processes tried, by a noise of so many freedoms.
+    """
     main = together[0]
     texts, first = [], _size(main)
     for item in together:
         if item.size >= _MINOR * main.size:
             size, turning = _size(item)
             unit, si = shown_in("rad" if turning else "m")
-            value, half = value_and_half_width(size / si, rms(item.std) / si)
+            value, half = value_and_half_width(size / si, rms(item.std) / si, freedoms)
             texts.append(f"{item.process.where} by {value.removeprefix('+')} ± {half} {unit}")
     text = f"{_opening(main, given)}: {_listed(texts)} (rms, 95 %)"
     if rivals:

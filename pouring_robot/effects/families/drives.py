@@ -1,6 +1,7 @@
 """Families of effects of drives: zeros, scales, errors that return with every turn, lost motion."""
 
 import functools
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -171,8 +172,8 @@ class Coupling(Family):
 
 
 def _told(found: FloatArray, unit: str) -> str:
-    """Return a value and its standard deviation, (2,), with the 95 % half width."""
-    value, half = value_and_half_width(float(found[0]), abs(float(found[1])))
+    """Return a value and its standard deviation, (2,), as of a normal value, with the 95 % half width."""
+    value, half = value_and_half_width(float(found[0]), abs(float(found[1])), math.inf)
     return f"{value} ± {half} {unit}"
 
 
