@@ -287,7 +287,8 @@ class _Work:
         misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
         unknown = judgement.verdict == "unknown" and judgement.causes
-        parameters = diagnoser.parameters_of(hypothesis, after if unknown else None)
+        covariances = diagnoser.covariances(hypothesis, after if unknown else None)
+        parameters = diagnoser.parameters_of(hypothesis, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
         noise = replace(rows.noise, settled=found.settled)
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
@@ -309,6 +310,7 @@ class _Work:
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
+            covariances=covariances,
             parameters=parameters,
             effects=diagnoser.named(parameters, hypothesis, judgement),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},

@@ -25,6 +25,8 @@ from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
+Covariances = tuple[FloatArray, ...]
+
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
 """Of one answer, between two searches and at the end; most stay after one or two."""
@@ -211,24 +213,37 @@ class Diagnoser:
         state, single = self.settled(state, single)
         return state.alone, single
 
-    def parameters_of(self, hypothesis: Hypothesis, unexplained: State | None = None) -> FoundByKey:
+    def parameters_of(self, hypothesis: Hypothesis, covariances: Covariances = ()) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items.
 
-        A state that the hypothesis is of, and where it leaves more than noise, makes standard deviations at least those
-        of how far stretches of time scatter the coefficients (:mod:`pouring_robot.estimation.jackknife`).
+        Their standard deviations are as :meth:`covariances` tell them, by default as the hypothesis itself does.
         """
-        mean, *covariances = hypothesis.coefficients()
-        covariances += [self._scattered(hypothesis, unexplained)] if unexplained else []
-        forms, found = self.library.every_form, []
-        for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
-            if group.key in forms:
-                form = forms[group.key]
-                units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
-                units = form.told(self.fitted) @ units if form.told else units
-                std = largest_std(units, [one[own, own] for one in covariances])
-                values = zip(form.parameters, (units @ mean[own]).tolist(), std.tolist(), strict=True)
-                found.append((group.key, tuple(FoundParameter(*each, self.rows.noise.freedoms) for each in values)))
+        mean, own = hypothesis.coefficients()
+        found = []
+        for key, units in self.units(hypothesis).items():
+            std = largest_std(units, covariances or (own,))
+            values = zip(self.library.every_form[key].parameters, (units @ mean).tolist(), std.tolist(), strict=True)
+            found.append((key, tuple(FoundParameter(*each, self.rows.noise.freedoms) for each in values)))
         return found
+
+    def units(self, hypothesis: Hypothesis) -> dict[tuple[str, str], FloatArray]:
+        """Return what each coefficient of a hypothesis adds to the parameters of each form, (p, k), in their units."""
+        forms, width, found = self.library.every_form, sum(map(len, hypothesis.weights())), {}
+        for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
+            if form := forms.get(group.key):
+                units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
+                found[group.key] = np.zeros((len(weights), width))
+                found[group.key][:, own] = form.told(self.fitted) @ units if form.told else units
+        return found
+
+    def covariances(self, hypothesis: Hypothesis, unexplained: State | None) -> Covariances:
+        """Return those that tell coefficients of everything fitted, (k, k), of which the larger counts.
+
+        A state that the hypothesis is of, and where it leaves more than noise, adds how far stretches of time scatter
+        the coefficients (:mod:`pouring_robot.estimation.jackknife`).
+        """
+        own = hypothesis.coefficients()[1]
+        return (own, self._scattered(hypothesis, unexplained)) if unexplained else (own,)
 
     def _scattered(self, hypothesis: Hypothesis, state: State) -> FloatArray:
         """Return the covariance of the coefficients of everything fitted by stretches of time, (k, k)."""

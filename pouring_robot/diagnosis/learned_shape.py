@@ -9,7 +9,7 @@ from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.effects.base import channel
 from pouring_robot.effects.facts import Axis, of_drives
 from pouring_robot.estimation.changes import SCALE
-from pouring_robot.inference.processes import variances_of
+from pouring_robot.estimation.intervals import largest_std
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.local_parameters import component_unit
@@ -40,9 +40,9 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
     }
     most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
     main = np.array([p.main for p in parameters])
-    sizes = np.array([p.prior_std for p in parameters])
-    covariance = sizes[:, None] * diagnosis.hypothesis.covariance(effect.cause.indices) * sizes
-    std = np.sqrt(variances_of(moves[most], covariance))
+    units = diagnosis.diagnoser.units(diagnosis.hypothesis)
+    known = np.vstack([units[diagnosis.hypothesis.items[k].key] for k in effect.cause.indices])
+    std = largest_std(moves[most] @ known, diagnosis.covariances)
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
     if np.square(learned - textbook).mean() <= np.square(std).mean():
         return None

@@ -2,7 +2,7 @@
 
 Where standard deviations come from: of all unknowns of a calibration, ``covariances`` of a
 :class:`~pouring_robot.estimation.map_fit.Fit`; of the ladle, these carried to the lip
-(:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects, ``Diagnoser.parameters_of``
+(:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects, ``Diagnoser.covariances``
 (:mod:`pouring_robot.diagnosis.diagnoser`).
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import heapq
 import itertools
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -337,12 +337,6 @@ class Hypothesis:
         regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
         """
         return np.asarray(self.remainder / np.sqrt(self.freedom.clip(min=_ALONE)))
-
-    def covariance(self, indices: Sequence[int]) -> FloatArray:
-        """Return the covariance of the coefficients of some items together, over the usual ones, (k, k)."""
-        first = len(self.spans) - len(self.items)
-        own, weights = np.r_[*(self.spans[first + k] for k in indices)], np.concatenate(self.weights())
-        return np.asarray(weights[own][:, None] * self.coefficients()[1][np.ix_(own, own)] * weights[own])
 
     def part(self, index: int) -> FloatArray:
         """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""

@@ -47,11 +47,6 @@ class Channel:
         return np.asarray(self._weighted @ values)
 
 
-def variances_of(columns: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variance of each row of columns (n, k) times coefficients of a covariance (k, k), shape (n,)."""
-    return np.asarray(np.maximum(np.einsum("nk,kl,nl->n", columns, covariance, columns, optimize=True), 0.0))
-
-
 def sums_of(row: NDArray[np.intp], count: int) -> scipy.sparse.csr_array:
     """Return the matrix that sums equations (m,) of so many rows."""
     places = (row, np.arange(len(row)))
@@ -75,7 +70,8 @@ class Part:
         """Return those of its movement in each row, (n,), for a covariance (k, k) of the coefficients."""
         if scipy.sparse.issparse(self.course):
             return np.asarray(self.course**2 @ np.diag(covariance))  # by chance: each column is one row's own
-        return variances_of(self.course, covariance)
+        spread = np.einsum("nk,kl,nl->n", self.course, covariance, self.course, optimize=True)
+        return np.asarray(np.maximum(spread, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,17 @@
 """The learned shape of an effect against what the independent machine did, which is not the textbook's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.discrepancy_processes import varied
 from pouring_robot.diagnosis.learned_shape import shape_of
 from pouring_robot.diagnosis.report.plots import plots
+from pouring_robot.estimation.noise import Noise, NoiseLevel
 from pouring_robot.inference.processes import Channel, sums_of
 from tests.rig import Wanted, make_campaign, write_case
 
@@ -46,6 +50,20 @@ def test_what_is_learned_is_what_the_machine_does(core):
     off = {name: np.sqrt(np.mean((getattr(shape, name) - true) ** 2)) for name in ("learned", "textbook")}
     assert off["learned"] < 0.2 * off["textbook"]
     assert np.mean(np.abs(shape.learned - true) < 4.0 * shape.std) > 0.9
+
+
+def test_its_band_is_as_wide_as_what_tells_the_table(core, monkeypatch):
+    """Twice what covariances of a fourth say; drawn by Student's t, 2.57 deviations of five freedoms."""
+    found = core[1]
+    (effect,) = found.firm
+    own = found.hypothesis.coefficients()[1]
+    wider = replace(found, covariances=(own, 4.0 * own), noise=NoiseLevel({"position": Noise(1e-4, "repeats", 5.0)}))
+    std, drawn = shape_of(found, effect).std, []
+    np.testing.assert_allclose(shape_of(wider, effect).std, 2.0 * std, rtol=1e-9)
+    bar = Axes.errorbar
+    monkeypatch.setattr(Axes, "errorbar", lambda *told, **how: drawn.append(told[3]) or bar(*told, **how))
+    plots(wider)
+    np.testing.assert_allclose(np.sort(drawn[0]), np.sort(2.0 * 2.5706 * std), rtol=1e-4)
 
 
 def test_it_is_drawn_beside_the_textbooks(core):

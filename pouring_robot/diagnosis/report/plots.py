@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.learned_shape import Shape, shape_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
-from pouring_robot.estimation.intervals import Z95
+from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.kinds import KINDS, are, component_name, component_shown_in
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -170,7 +170,7 @@ def _signatures(diagnosis: Conclusions) -> str:
         axes.axhline(0.0, color="black", linewidth=0.5)
         axes.set(xlabel=axis.label, ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]")
         if shape is not None:
-            _shape_panel(sides[1], shape)
+            _shape_panel(sides[1], shape, deviations95(diagnosis.noise.freedoms))
         panel.suptitle(textwrap.fill(f"{name}: {effect.story}", _TITLE_LETTERS), fontsize=9)
         for side in sides:
             if np.unique(axis.values).size <= _FEW_VALUES:
@@ -180,12 +180,12 @@ def _signatures(diagnosis: Conclusions) -> str:
     return svg_of(figure)
 
 
-def _shape_panel(axes: Any, shape: Shape) -> None:
-    """Draw what the campaign says of an effect's shape, with its 95 % interval, and the textbook's."""
+def _shape_panel(axes: Any, shape: Shape, deviations: float) -> None:
+    """Draw what the campaign says of an effect's shape, within so many deviations (95 %), and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
     order = order[evenly(order.size, _MOST_ROWS)]
     over, learned = shape.axis.values[order], shape.learned[order]
-    error = Z95 * shape.std[order]
+    error = deviations * shape.std[order]
     axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="95 %")
     axes.plot(over, learned, ".", color=AFTER, markersize=4, label="as learned")
     axes.plot(over, shape.textbook[order], ".", color=GREY, markersize=3, label="main parameters alone")

@@ -62,8 +62,9 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
         others = [item for item in found if item is not together[0]]
         rivals = [by for by in discrepancy.rivals(together[0], others) if by not in (CHANCE, together[0].process.by)]
         bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
-        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes), data.noise.freedoms)
-        findings.append(replace(finding, share=float(part @ part) / total))
+        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, data.noise.freedoms)
+        p_value = float(min(len(processes) * np.exp(-together[0].evidence), 1.0))
+        findings.append(replace(finding, p_value=p_value, share=float(part @ part) / total))
     return sorted(findings, key=lambda finding: -finding.share), settled
 
 
@@ -72,13 +73,9 @@ def _finding(
     given: Conditions,
     rivals: tuple[str, ...],
     bounds: Mapping[str, float],
-    tried: int,
     freedoms: float,
 ) -> Finding:
-    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds).
-
-    Of so many processes tried, by a noise of so many freedoms.
-    """
+    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
     main = together[0]
     texts, first = [], _size(main)
     for item in together:
@@ -92,9 +89,8 @@ def _finding(
         text += f", or with what went along with it: {', '.join(rivals)}"
     elif quiet := _quiet(given, bounds, main.process.where, *first):
         text += f"; {quiet}"
-    p_value = float(min(tried * np.exp(-main.evidence), 1.0))
     channel = main.process.lengths[main.length][0].channel
-    return Finding("condition", f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
+    return Finding("condition", f"{text}.", first[0], None, channel.name, channel.turning, main.process.by, rivals)
 
 
 def _size(item: Summand) -> tuple[float, bool]:
