@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import pandas
 
 LEARNT = 0.5  # a parameter is measured when the data took at least this share of its prior variance away
-SEEN = 0.01  # below this share no pose of the campaign shows a parameter by itself
+_SEEN = 0.01  # below this share no pose of the campaign shows a parameter by itself
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,8 +72,10 @@ class CalibrationFindings(Result):
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation of the unknowns, shape (12 + P, 12 + P)."""
-        return np.asarray(self.fit.covariance / np.outer(self.fit.std, self.fit.std))
+        """Correlation of the unknowns under the noise that residuals show, shape (12 + P, 12 + P)."""
+        covariance = self.fit.inflated_covariance
+        std = np.sqrt(np.diagonal(covariance))
+        return np.asarray(covariance / np.outer(std, std))
 
     @property
     def changed(self) -> bool:
@@ -164,10 +166,15 @@ class Movement(Estimate):
 
 @dataclass(frozen=True)
 class ParameterLine(Movement):
-    """One parameter: the group it was kept with, and the share of its prior variance that the data took away."""
+    """One parameter: the group it was kept with, and whether any pose shows it by itself."""
 
     group: str
-    learnt: float
+    seen: bool
+
+    @property
+    def learnt(self) -> float:
+        """The share of its prior variance that the data took away; below 0 where stretches of rows scatter it more."""
+        return 1.0 - (self.std / self.prior_std) ** 2
 
     @property
     def verdict(self) -> str:
@@ -185,8 +192,8 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     for k, (group, parameter) in enumerate(names, start=FRAMES):
         unit, factor = shown_in(parameter.unit)
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
-        learnt, freedoms = float(fit.learnt[k]), fit.interval_freedoms
-        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, learnt, freedoms=freedoms))
+        seen, freedoms = bool(fit.learnt[k] >= _SEEN), fit.interval_freedoms
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, seen, freedoms=freedoms))
     return lines
 
 

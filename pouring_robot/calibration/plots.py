@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pouring_robot.calibration.findings import SEEN, CalibrationFindings, parameter_lines
+from pouring_robot.calibration.findings import CalibrationFindings, parameter_lines
 from pouring_robot.calibration.metrics import length_columns, row_lengths, values_a_row
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.intervals import Z95
@@ -59,7 +59,7 @@ def _residuals(calibration: CalibrationFindings) -> str:
 
 def _parameters(calibration: CalibrationFindings) -> str:
     lines = parameter_lines(calibration)
-    lines = [line for line in lines if line.learnt >= SEEN] or lines
+    lines = [line for line in lines if line.seen] or lines
     order = sorted(lines, key=lambda line: -line.surprise)[:_MOST_NAMES]
     figure = new_figure(9.0, 1.2 + 0.19 * len(order))
     axes = figure.subplots()

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.calibration.findings import (
-    SEEN,
     CalibrationFindings,
     Movement,
     ParameterLine,
@@ -168,7 +167,7 @@ def split_line(calibration: CalibrationFindings) -> str:
 def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one page without any outside file."""
     lines = parameter_lines(calibration)
-    unseen = [line.name for line in lines if line.learnt < SEEN]
+    unseen = [line.name for line in lines if not line.seen]
     left = f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
     notes = [Paragraph(f"Note: {line}.") for line in notes_of(calibration)]
     moved: list[Block] = [*notes, Paragraph("nothing")]
@@ -181,7 +180,7 @@ def html_report(calibration: CalibrationFindings) -> str:
             Paragraph(
                 "Each parameter by itself; where several act alike, tolerances share the movement out among them:"
             ),
-            parameter_table(line for line in lines if line.learnt >= SEEN),
+            parameter_table(line for line in lines if line.seen),
             Paragraph(left),
         ]
     blocks: list[Block] = [

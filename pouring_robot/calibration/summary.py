@@ -150,10 +150,12 @@ def _worse(calibration: CalibrationFindings) -> list[str]:
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:
     """Return how many times as far off parameters are as tolerances say, RMS; 1 where that is no accident.
 
-    Squares of their values over prior variances are chi-square, of as many degrees as variances were learnt.
+    Squares of their values over prior variances are chi-square, of as many degrees as variances were learnt by the
+    noise that weighed the rows: under a larger one the values themselves scatter no less.
     """
     lines = parameter_lines(calibration)
-    squared, learnt = sum((p.value / p.prior_std) ** 2 for p in lines), sum(p.learnt for p in lines)
+    squared = sum((p.value / p.prior_std) ** 2 for p in lines)
+    learnt = float(calibration.fit.learnt[FRAMES : FRAMES + len(lines)].sum())
     surprising = learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < _BY_CHANCE
     return math.sqrt(squared / learnt) if surprising else 1.0
 

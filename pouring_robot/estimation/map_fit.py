@@ -101,7 +101,7 @@ class Fit:
 
     @property
     def learnt(self) -> FloatArray:
-        """Share of each unknown's prior variance that the data took away, shape (12 + P,), 0 to 1."""
+        """Share of each unknown's prior variance that the data take away under the noise as given, (12 + P,)."""
         return np.asarray(1.0 - np.diagonal(self.covariance) / self.prior_std**2)
 
     @functools.cached_property

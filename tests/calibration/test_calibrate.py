@@ -166,6 +166,11 @@ def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
     np.testing.assert_allclose(as_noise, found.fit.prior_std * np.linalg.norm(inverse, axis=1), rtol=0.05)
     assert (as_noise <= found.fit.prior_std * (1.0 + 1e-9)).all()
     assert (found.std >= as_noise).all() and (found.std > 1.2 * as_noise).any()
+    lengths = np.linalg.norm(inverse, axis=1)
+    np.testing.assert_allclose(found.correlation, inverse @ inverse.T / np.outer(lengths, lengths), atol=0.1)
+    lines = found.to_frame()
+    np.testing.assert_allclose(lines["learnt"], 1.0 - (lines["std"] / lines["prior_std"]) ** 2, atol=1e-12)
+    assert (lines["verdict"][lines["std"] > 0.8 * lines["prior_std"]] == "held by its tolerance").all()
 
 
 def test_stretches_are_those_of_the_rows_that_are_fitted(clean):

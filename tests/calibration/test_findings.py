@@ -22,11 +22,11 @@ def test_parameters_come_in_the_units_of_the_shop_floor(found):
 
 
 def test_verdicts():
-    line = ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", 0.99)
+    line = ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", True)
     assert line.verdict == "moved"
     assert line.interval == pytest.approx((0.804, 1.196), abs=1e-3)
-    assert ParameterLine("x", "mm", 0.1, 0.1, 1.0, "g", 0.99).verdict == "measured, not off"
-    assert ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", 0.2).verdict == "held by its tolerance"
+    assert ParameterLine("x", "mm", 0.1, 0.1, 1.0, "g", True).verdict == "measured, not off"
+    assert ParameterLine("x", "mm", 1.0, 0.9, 1.0, "g", True).verdict == "held by its tolerance"
 
 
 def test_combinations_hold_no_frame_and_are_better_known_than_their_parts(found):

@@ -69,11 +69,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
 
 
 def _finding(
-    together: Sequence[Summand],
-    given: Conditions,
-    rivals: tuple[str, ...],
-    bounds: Mapping[str, float],
-    freedoms: float,
+    together: list[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], freedoms: float
 ) -> Finding:
     """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
     main = together[0]
