@@ -21,6 +21,7 @@ from pouring_robot.checks.flags import ROW_CODES, FlagCode, Severity
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.intervals import deviations95
+from pouring_robot.estimation.noise import FALSE_ALARMS
 from pouring_robot.exceptions import counted, some
 from pouring_robot.io.figures import without_nan
 from pouring_robot.io.units import MM, MRAD
@@ -29,7 +30,6 @@ from pouring_robot.robot.location_figures import Figures
 from pouring_robot.robot.model import RobotModel
 
 MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
-_BY_CHANCE = 1e-3  # what robots made to their tolerances do as rarely is told
 
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
@@ -156,7 +156,7 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
     lines = parameter_lines(calibration)
     squared = sum((p.value / p.prior_std) ** 2 for p in lines)
     learnt = float(calibration.fit.learnt[FRAMES : FRAMES + len(lines)].sum())
-    surprising = learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < _BY_CHANCE
+    surprising = learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < FALSE_ALARMS
     return math.sqrt(squared / learnt) if surprising else 1.0
 
 

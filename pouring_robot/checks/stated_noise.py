@@ -30,14 +30,13 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, found
 from pouring_robot.checks.smooth_errors import joint_effect, scaled
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.noise import FALSE_ALARMS
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 
-FALSE_ALARMS = 1e-3
-"""Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""
 LEAST_FACTOR = 2.0  # a data sheet's figure is not better known
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm

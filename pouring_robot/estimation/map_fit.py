@@ -24,7 +24,7 @@ from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel, scatter
+from pouring_robot.estimation.noise import FALSE_ALARMS, NoiseLevel, scatter
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
@@ -32,7 +32,6 @@ from pouring_robot.io.given import whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 
-_SURE = 1e-3  # chance at which residuals count as larger than the noise
 _NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
 """Of n equations the noise is known to 1 / sqrt(2 n): closer than 1 % only of more than 5000. Rounds are cheap, as each
 begins where the one before ended, so that even a noise that creeps settles."""
@@ -134,7 +133,7 @@ class Fit:
         if larger <= 1.0:  # as with nothing left over
             return 1.0
         chance = self.noise.chance_of(self.chi_square(), self.freedom(), float(self.shares.mean()))
-        return larger if chance < _SURE else 1.0
+        return larger if chance < FALSE_ALARMS else 1.0
 
     @property
     def interval_freedoms(self) -> float:

@@ -32,6 +32,7 @@ Source = Literal["stated", "repeats", "residuals", "none"]
 LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
+FALSE_ALARMS = 1e-3  # share of sound campaigns and robots that chance may accuse
 _FEWEST_FREEDOMS = 12
 _ROUND_OFF = 1e-9  # freedoms: fewer are what adding up leaves of none, of either sign
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
