@@ -109,8 +109,8 @@ def calibrate(
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
         train = rows[used]
-        prior = rows.model.prior_std(tolerances, framed=measured.framed)
-        noise = noise_left_over(train, seen, first_frames(train, seen), prior, noise, options.fit)
+        prior_std = rows.model.prior_std(tolerances, framed=measured.framed)
+        noise = noise_left_over(train, seen, first_frames(train, seen), prior_std, noise, options.fit)
         measured, seen = measured.with_noise(noise), seen.with_noise(noise)
     selection = Selection(candidates, ())
     if options.choose:
@@ -127,8 +127,8 @@ def calibrate(
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_parameters(all_parameters(groups))
         train = chosen[used]
-        prior = chosen.model.prior_std(tolerances, framed=measured.framed)
-        fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=True))
+        prior_std = chosen.model.prior_std(tolerances, framed=measured.framed)
+        fit = identify(train, seen, first_frames(train, seen), prior_std, replace(options.fit, curvature=True))
         fit = replace(fit, noise=noise, stretches=stretches)
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 

@@ -191,9 +191,9 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     lines = []
     for k, (group, parameter) in enumerate(names, start=FRAMES):
         unit, factor = shown_in(parameter.unit)
-        value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
+        value, error, prior_std = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
         seen, freedoms = bool(fit.learnt[k] >= _SEEN), fit.interval_freedoms
-        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, seen, freedoms=freedoms))
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior_std, group, seen, freedoms=freedoms))
     return lines
 
 
@@ -242,7 +242,7 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         shares = np.array([combination.get(name, 0.0) for name in base.names])
         unit, factor = shown_in(calibration.unknown_units[base.names.index(next(iter(combination)))])
         std = float(largest_std(shares, fit.covariances))
-        prior = float(np.linalg.norm(shares * fit.prior_std))
-        sizes = (size / factor for size in (float(shares @ fit.unknowns.values), std, prior))
+        prior_std = float(np.linalg.norm(shares * fit.prior_std))
+        sizes = (size / factor for size in (float(shares @ fit.unknowns.values), std, prior_std))
         lines.append(Movement(combination_text(combination), unit, *sizes, freedoms=fit.interval_freedoms))
     return sorted(lines, key=lambda line: -line.surprise)

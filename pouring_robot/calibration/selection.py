@@ -142,12 +142,12 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         rows, measured = self.rows.with_parameters(all_parameters(groups)), self.measured
-        prior = rows.model.prior_std(self.tolerances, framed=measured.framed)
+        prior_std = rows.model.prior_std(self.tolerances, framed=measured.framed)
         scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, ((train, fitted), (judged, seen)) in zip(self._frames, self._folds, strict=True):
-            start, told = Unknowns.zero(frames.frames, prior.size - FRAMES), seen.known.any(axis=1)
+            start, told = Unknowns.zero(frames.frames, prior_std.size - FRAMES), seen.known.any(axis=1)
             try:
-                fit = identify(rows[train], fitted, start, prior, self.options)
+                fit = identify(rows[train], fitted, start, prior_std, self.options)
             except CalibrationError:  # a choice that cannot be fitted is no choice
                 scores[judged[told]] = _FAILED
                 continue

@@ -43,7 +43,7 @@ class CandidateSet:
     nuisance: int
     place: Indices  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
     kind: Indices  # of each candidate, shape (N,); a slot of the plan takes one kind
-    prior: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
+    inverse_std: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
 
 
 def choose(
@@ -133,16 +133,15 @@ class _Search:
             if len(np.unique(self.place[self.kind == kind])) < len(slots):
                 raise BadInputError(f"a plan of {len(slots)} poses needs more candidates to choose from")
         count, _, unknowns = candidates.rows.shape
-        stack = np.concatenate(
-            [candidates.rows.reshape(-1, unknowns) / np.sqrt(count), np.diag(candidates.prior) / np.sqrt(len(slots))]
-        )
+        prior = np.diag(candidates.inverse_std) / np.sqrt(len(slots))
+        stack = np.concatenate([candidates.rows.reshape(-1, unknowns) / np.sqrt(count), prior])
         triangle: FloatArray = np.asarray(np.linalg.qr(stack, mode="r"))
         own = np.abs(np.diagonal(triangle))
         if len(own) < unknowns or np.any(own <= RANK_TOLERANCE * np.linalg.norm(triangle, axis=0)):
             raise BadInputError("all candidates together do not determine the unknowns; leave some out or give priors")
         flat = scipy.linalg.solve_triangular(triangle, candidates.rows.reshape(-1, unknowns).T, trans="T").T
         self.rows = np.ascontiguousarray(flat.reshape(candidates.rows.shape))
-        weights = scipy.linalg.solve_triangular(triangle, np.diag(candidates.prior), trans="T")
+        weights = scipy.linalg.solve_triangular(triangle, np.diag(candidates.inverse_std), trans="T")
         self.base = weights @ weights.T + _RIDGE * len(slots) * np.eye(unknowns)
         self.units = triangle[self.nuisance :, self.nuisance :]
         widths = [unknowns] + ([self.nuisance] if self.nuisance else [])

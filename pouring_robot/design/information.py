@@ -2,7 +2,7 @@ r"""What a plan's rows tell about parameters: covariance, singular values, which
 
 A plan is a stack of whitened rows J (one measured coordinate over its noise a row, one unknown a column). The first
 columns are nuisance: the twelve numbers of the two outer frames, which have to be fitted but are of no interest. With
-M = JᵀJ + prior, what is known of the other parameters θ is the Schur complement
+M = JᵀJ + diag(inverse_std²), what is known of the other parameters θ is the Schur complement
 
 .. math:: S = M_{\theta\theta} - M_{\theta f} M_{ff}^{-1} M_{f\theta}
 
@@ -17,21 +17,21 @@ from pouring_robot.estimation.identifiability import RANK_TOLERANCE
 from pouring_robot.mechanism.arrays import FloatArray
 
 
-def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:
+def projected_singular_values(rows: FloatArray, nuisance: int, inverse_std: FloatArray | None = None) -> FloatArray:
     """Return the singular values of a plan with the nuisance columns projected out, (p - nuisance,), the largest first.
 
-    Whitened rows (k, p) have the nuisance columns first; ``prior`` is one over the prior standard deviation of each
-    unknown, (p,), 0 for none.
+    Whitened rows (k, p) have the nuisance columns first; ``inverse_std`` is one over the prior standard deviation of
+    each unknown, (p,), 0 for none.
     """
-    return np.asarray(np.linalg.svd(_triangle(rows, prior)[nuisance:, nuisance:], compute_uv=False))
+    return np.asarray(np.linalg.svd(_triangle(rows, inverse_std)[nuisance:, nuisance:], compute_uv=False))
 
 
-def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:
-    """Return the expected covariance of all unknowns of a linear fit, shape (p, p): the inverse of JᵀJ + prior.
+def covariance(rows: FloatArray, inverse_std: FloatArray | None = None) -> FloatArray:
+    """Return the expected covariance of all unknowns of a linear fit, shape (p, p): the inverse of M.
 
     Whitened rows (k, p) must be of full column rank together with the prior, as of :func:`projected_singular_values`.
     """
-    stack = with_prior(rows, prior)
+    stack = with_prior(rows, inverse_std)
     size = np.linalg.norm(stack, axis=0)
     # Through R, not through JᵀJ: squaring would lose half of the digits where parameters are hard to tell apart.
     inverse = scipy.linalg.solve_triangular(np.linalg.qr(stack / size, mode="r"), np.eye(stack.shape[1]))
@@ -58,13 +58,13 @@ def telling(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
     return kept
 
 
-def with_prior(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
+def with_prior(rows: FloatArray, inverse_std: FloatArray | None) -> FloatArray:
     """Return rows with one more for every unknown of which something is known beforehand."""
-    return rows if prior is None else np.concatenate([rows, np.diag(prior)[prior > 0.0]])
+    return rows if inverse_std is None else np.concatenate([rows, np.diag(inverse_std)[inverse_std > 0.0]])
 
 
-def _triangle(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
+def _triangle(rows: FloatArray, inverse_std: FloatArray | None) -> FloatArray:
     """Return R of a QR factorisation, at least as many rows as columns."""
-    stack = with_prior(rows, prior)
+    stack = with_prior(rows, inverse_std)
     missing = max(0, stack.shape[1] - len(stack))
     return np.asarray(np.linalg.qr(np.pad(stack, ((0, missing), (0, 0))), mode="r"))

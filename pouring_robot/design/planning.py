@@ -129,7 +129,7 @@ class Planner:
         rows, closed = columns.measured(poses, visits, self.request.noise, np.array(self.request.target_m))
         return rows * _units(columns.parameters), closed
 
-    def _prior(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
+    def _inverse_std(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
         """Return one over the prior standard deviation in shown units, shape (f + P,); 0 where nothing is known."""
         weights = np.zeros(self.nuisance + len(parameters))
         priors, robot = self.request.priors, self.robot.model.definition
@@ -155,7 +155,7 @@ class Planner:
         self, what: str, rows: FloatArray, parameters: Sequence[PlannedParameter], *, everywhere: bool = False
     ) -> None:
         names = [*self._frame_names, *(p.name for p in parameters)]
-        found = base_parameters(with_prior(rows, self._prior(parameters)), names, lead=self._frame_names)
+        found = base_parameters(with_prior(rows, self._inverse_std(parameters)), names, lead=self._frame_names)
         if found.deficient:
             reducible = not self.request.reduced and self.request.priors is None
             names_of_frames = set(self._frame_names)
@@ -198,7 +198,7 @@ class Planner:
             once[:, size:] = 0.0
             visits = np.concatenate([once, visits])
             place, kind = np.tile(place, 2), np.repeat([_ONE, _BOTH], len(place))
-        return CandidateSet(visits, self.nuisance, place, kind, self._prior(self.parameters)), slots
+        return CandidateSet(visits, self.nuisance, place, kind, self._inverse_std(self.parameters)), slots
 
     def _ordered(self, visits: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
         """Return the visits in an order a shop floor can follow: heat last, then load, short ways between poses."""
@@ -232,15 +232,15 @@ class Planner:
         return self._quality(picked, len(poses))
 
     def _quality(self, rows: FloatArray, poses: int) -> PlanQuality:
-        flat, prior = rows.reshape(-1, rows.shape[-1]), self._prior(self.parameters)
+        flat, inverse_std = rows.reshape(-1, rows.shape[-1]), self._inverse_std(self.parameters)
         self._refuse_undetermined(f"a plan of {poses} (measured figures: {len(flat)})", flat, self.parameters)
         units = self._apart(_units(self.parameters))
-        expected = covariance(flat, prior) * np.outer(units, units)
+        expected = covariance(flat, inverse_std) * np.outer(units, units)
         grid, ladle = self._ladle
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
-        values, of_ladle = projected_singular_values(flat, self.nuisance, prior), np.sqrt(np.maximum(variance, 0.0))
-        return PlanQuality(expected, std, grid, of_ladle, values, poses)
+        values = projected_singular_values(flat, self.nuisance, inverse_std)
+        return PlanQuality(expected, std, grid, np.sqrt(np.maximum(variance, 0.0)), values, poses)
 
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:

@@ -256,8 +256,8 @@ class Diagnoser:
             if own.any()
         )
         means, unheld = hypothesis.coefficients()[0], np.zeros(free.dof)
-        prior = np.concatenate([unheld + _FREE, np.ones_like(means)])
-        found = jackknife_covariance(parts, np.concatenate([unheld, means]), prior, self.rows.noise.freedoms)
+        precision = np.concatenate([unheld + _FREE, np.ones_like(means)])
+        found = jackknife_covariance(parts, np.concatenate([unheld, means]), precision, self.rows.noise.freedoms)
         return found[free.dof :, free.dof :]
 
     def named(self, found: FoundByKey, hypothesis: Hypothesis, judgement: Judgement) -> tuple[NamedEffect, ...]:

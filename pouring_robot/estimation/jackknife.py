@@ -21,20 +21,20 @@ from pouring_robot.mechanism.arrays import FloatArray
 def jackknife_covariance(
     blocks: Iterable[tuple[FloatArray, FloatArray]],
     place: FloatArray,
-    prior: FloatArray | float = 1.0,
+    precision: FloatArray | float = 1.0,
     freedoms: float = math.inf,
 ) -> FloatArray:
     """Return the covariance of an answer at ``place``, (k,), by how far blocks of equations scatter it, (k, k).
 
     Of each block its derivatives, (m, k), and what is left there, (m,); both are over the noise and weighted. Without
     one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and the
-    inverse of ``prior``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before, so
-    that of the normal matrix A it is A^-1 (M + prior) A^-1, M of the gradient of the data. What blocks scatter counts
-    as much more as Student's t of so few is wider than that of ``freedoms``, for intervals that are made with these;
-    one block alone tells of the priors only.
+    inverse of ``precision``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before,
+    so that of the normal matrix A it is A^-1 (M + precision) A^-1, M of the gradient of the data. What blocks scatter
+    counts as much more as Student's t of so few is wider than that of ``freedoms``, for intervals that are made
+    with these; one block alone tells of the priors only.
     """
     inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
-    held, moved = np.eye(place.size) * prior, []
+    held, moved = np.eye(place.size) * precision, []
     for k in range(len(inner)):
         told, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
         moved.append(-scipy.linalg.solve(held + told, held @ place + pulled, assume_a="pos"))
