@@ -5,7 +5,7 @@ import pytest
 
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.sweeps import ErrorEntry, run_sweep
-from pouring_robot.sweeps.analysis.report import report
+from pouring_robot.sweeps.analysis.report import report, summary_lines
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 
 FAILING_NOW_AND_THEN_MRAD = 120.0
@@ -32,6 +32,8 @@ def test_base_samples_without_a_solution_are_left_out_and_counted(make_plan, tmp
     outcome = report(run_sweep(plan, tmp_path / "out"))
     failed = (outcome.to_dataset().status.values != 0).reshape(32, -1, 9).any(axis=1)  # of each base sample, by pose
     assert outcome.indices.dropped == failed.any(axis=1).sum() > failed.sum(axis=0).max() > 0
+    (line,) = (line for line in summary_lines(outcome) if "base samples" in line)
+    assert line.endswith(f"{outcome.indices.dropped} base samples have no solution at some pose and are left out there")
     assert np.isfinite(outcome.indices.total).all()
 
 

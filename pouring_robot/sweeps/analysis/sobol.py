@@ -23,7 +23,7 @@ class SobolIndices:
     first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
     total_confidence: FloatArray
     first_m2: FloatArray  # first-order variance by coordinate, mean over the poses, shape (parameters, 3)
-    dropped: int  # base samples left out because a robot of theirs had no solution at some pose
+    dropped: int  # base samples of which a robot had no solution at some pose, left out there
 
 
 def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolIndices:
