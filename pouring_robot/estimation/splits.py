@@ -2,7 +2,7 @@
 
 A calibration chooses groups of parameters by the others (``calibration/selection.py``) and is refused where the test
 block says so; a diagnosis says how well the amended model foretells the test block, and where that is small each block
-by all others (``diagnosis/cross_validation.py``).
+by all others, later ones too (``diagnosis/cross_validation.py``).
 
 What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside
 down, the others leave target and base open against each other along the vertical. Such a block is not held out.
