@@ -85,7 +85,7 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
     return float(known.mean()), float(known.std(ddof=1) / np.sqrt(known.size))
 
 
-def by_chance(values: FloatArray, standard_errors: float) -> float:
+def chance_margin(values: FloatArray, standard_errors: float) -> float:
     """Return by how much the mean of the finite values may be off by chance, in so many of its standard errors.
 
     As seldom more than that as a normal value by so many, though so few values tell the error (Student's t).
@@ -102,7 +102,7 @@ def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> b
     way, so that the standard error of next to nothing is smaller still.
     """
     harm = (after - before).T
-    return all(mean_and_error(one)[0] <= max(by_chance(one, standard_errors), _NEGLIGIBLE) for one in harm)
+    return all(mean_and_error(one)[0] <= max(chance_margin(one, standard_errors), _NEGLIGIBLE) for one in harm)
 
 
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
@@ -202,7 +202,7 @@ def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, kinds)."""
     gains = np.nanmean(np.log1p(present) - np.log1p(trial), axis=1)
     gain, error = mean_and_error(gains)
-    return gain, error, gain > by_chance(gains, _STANDARD_ERRORS) > 0.0 and harmless(present, trial, 1.0)
+    return gain, error, gain > chance_margin(gains, _STANDARD_ERRORS) > 0.0 and harmless(present, trial, 1.0)
 
 
 def _rms(scores: FloatArray) -> float:

@@ -236,7 +236,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             "second_derivative_evaluations": fit.second_evaluations,
             "converged": fit.converged,
             "chi_square": fit.chi_square(),
-            "freedom": fit.freedom(),
+            "freedom": fit.freedoms(),
             "inflation": calibration.inflation,
         },
         "data_flags": [flag.figures(calibration.campaign) for flag in calibration.flags],

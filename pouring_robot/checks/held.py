@@ -12,7 +12,7 @@ from pouring_robot.robot.description.drawing import Drawing
 _SAME_PLACE_M = 1e-9  # what rounding adds to a place is less, and no device reads as fine
 _MOVED = 1e-3  # m or rad, by which drives stand apart
 _TOGETHER = 0.2  # drives that keep the target within this share of what they do each by itself work together
-_FEWEST = 0.5  # share of the rows at a place that must have a pose
+_LEAST_SHARE = 0.5  # share of the rows at a place that must have a pose
 
 
 def held_rows(campaign: Campaign, drawing: Drawing, poses: PoseStack) -> list[Indices]:
@@ -77,6 +77,6 @@ def _spread(target: FloatArray, places: Sequence[Indices]) -> float:
     """Return the median distance of the target, (n, 3), from its middle at each place; NaN: too little is known."""
     known = np.isfinite(target[:, 0])
     there = [target[rows[known[rows]]] for rows in places if known[rows].any()]
-    if sum(map(len, there)) < _FEWEST * sum(map(len, places)):
+    if sum(map(len, there)) < _LEAST_SHARE * sum(map(len, places)):
         return np.nan
     return float(np.median(np.linalg.norm(np.concatenate([own - own.mean(axis=0) for own in there]), axis=1)))

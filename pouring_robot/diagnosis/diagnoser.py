@@ -320,4 +320,4 @@ class Diagnoser:
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
     """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
     component = after.fitted_rows.component
-    return noise.left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)
+    return noise.from_left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)

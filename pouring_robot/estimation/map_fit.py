@@ -114,7 +114,7 @@ class Fit:
         """Weighted residuals over their noise, (m,), and of each how much is left for the noise, (m,)."""
         return self.weights * self.equations.residual, self.shares - self.leverage
 
-    def freedom(self) -> float:
+    def freedoms(self) -> float:
         """Return the equations left over for the noise."""
         return float(self.left_over[1].sum())
 
@@ -132,7 +132,7 @@ class Fit:
         larger = self.scatter()
         if larger <= 1.0:  # as with nothing left over
             return 1.0
-        chance = self.noise.chance_of(self.chi_square(), self.freedom(), float(self.shares.mean()))
+        chance = self.noise.chance_of(self.chi_square(), self.freedoms(), float(self.shares.mean()))
         return larger if chance < FALSE_ALARMS else 1.0
 
     @property
@@ -222,7 +222,7 @@ def noise_left_over(
     """
     for _ in range(_NOISE_ROUNDS):
         fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
-        noise, assumed = noise.left_over(noise.open_kinds, fit.equations.components, *fit.left_over), noise
+        noise, assumed = noise.from_left_over(noise.open_kinds, fit.equations.components, *fit.left_over), noise
         if noise.apart(assumed) < _NOISE_SETTLED:
             return noise
         start = fit.unknowns

@@ -1,8 +1,8 @@
 """The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
 Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
-:meth:`NoiseLevel.left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree: in a
-calibration ``noise_left_over`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
+:meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree:
+in a calibration ``noise_left_over`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
 :mod:`pouring_robot.diagnosis.diagnose` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`. From where on
 that is too large to pass for noise, :func:`largest_noise` says.
 """
@@ -81,7 +81,7 @@ class NoiseLevel:
         changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
         return NoiseLevel({**self.kinds, **changed})
 
-    def left_over(
+    def from_left_over(
         self,
         kinds: Iterable[Kind],
         components: Indices,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from pouring_robot.calibration.selection import acceptable, by_chance, harmless, mean_and_error, row_scores
+from pouring_robot.calibration.selection import acceptable, chance_margin, harmless, mean_and_error, row_scores
 
 SIGMA = np.array([2.0, 2.0, 2.0, 0.5, 0.5, 0.5])
 
@@ -26,10 +26,10 @@ def test_scores_are_mean_squares_over_the_noise():
 def test_of_few_rows_no_more_is_refused_by_chance(rows):
     """A normal value is beyond two standard deviations in 2.3 %; of three rows it was 12 %."""
     found = np.random.default_rng(rows).normal(size=(4000, rows))
-    beyond = np.mean([mean_and_error(row)[0] > by_chance(row, 2.0) for row in found])
+    beyond = np.mean([mean_and_error(row)[0] > chance_margin(row, 2.0) for row in found])
     assert beyond == pytest.approx(ndtr(-2.0), abs=4.0 * np.sqrt(ndtr(-2.0) / 4000))
-    assert by_chance(np.array([3.0]), 2.0) == np.inf
-    assert by_chance(np.full(3, np.nan), 2.0) == 0.0
+    assert chance_margin(np.array([3.0]), 2.0) == np.inf
+    assert chance_margin(np.full(3, np.nan), 2.0) == 0.0
 
 
 def test_a_row_that_the_calibrated_robot_cannot_take_is_worse():

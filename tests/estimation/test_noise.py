@@ -179,4 +179,4 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     fit = identify(virtual.rows, virtual.measured.with_noise(noise), start, virtual.prior)
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
     assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)
-    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.05)
+    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.05)

@@ -29,7 +29,7 @@ from pouring_robot.robot.description.cause_types import AxisTilt
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
-_BEYOND_DOUBT = 1000.0
+_MOST_NATS_SAID = 1000.0
 _GAP = 1.2  # how many times the noise a gap must be: of one that is hardly there a share says nothing
 
 
@@ -407,7 +407,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
 
 def _nats_text(nats: float) -> str:
     """Return evidence in words; beyond any doubt it is no use to say how far."""
-    return f"{nats:.1f} nats" if nats < _BEYOND_DOUBT else f"more than {_BEYOND_DOUBT:g} nats"
+    return f"{nats:.1f} nats" if nats < _MOST_NATS_SAID else f"more than {_MOST_NATS_SAID:g} nats"
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:

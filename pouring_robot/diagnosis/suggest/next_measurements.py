@@ -200,12 +200,12 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
     choice = choose(predictions, pairs, k, min(count, len(possible)))
     random = generator(seed, Stream.RANDOM_SETS)
     sets = [random.choice(len(possible), choice.chosen.size, replace=False) for _ in range(RANDOM_SETS)]
-    by_chance = np.array([expected(predictions, pairs, k, chosen) for chosen in sets])
+    at_random = np.array([expected(predictions, pairs, k, chosen) for chosen in sets])
     grown = expected(predictions, pairs, k, choice.chosen)
     names = [(contenders[a].name, contenders[b].name) for a, b in pairs]
     effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
     evidence = [contender.log_evidence for contender in contenders]
-    by_luck = np.median(by_chance, axis=0)
+    by_luck = np.median(at_random, axis=0)
     separations = tuple(
         Separation(
             *names[k],
@@ -227,7 +227,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
             *advice,
             f"{counted(len(measurements), 'more measurement')} like these would tell little more: {together:.1f} nats",
         )
-    return Suggestion(tuple(measurements), separations, together, total(by_chance), advice=advice, seed=seed)
+    return Suggestion(tuple(measurements), separations, together, total(at_random), advice=advice, seed=seed)
 
 
 def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
