@@ -158,8 +158,8 @@ class RobotUnderConditions:
         campaign = self._rows(drives)
         engine = engine_for(self.robot.nominal_solver.mechanism)
         closure = engine.close(drives, self.robot.drawing.starts(drives))
-        if (closure.status != 0).any():
-            first = int(np.argmax(closure.status != 0)) + 1
+        if not closure.closed.all():
+            first = int(np.argmin(closure.closed)) + 1
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
         local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=False)

@@ -32,6 +32,7 @@ from pouring_robot.estimation.frames.sessions import SessionParameter, base_disp
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
+from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     GeometricParameter,
@@ -114,7 +115,7 @@ class Prediction(PoseStack, Differentiated):
     @property
     def closed(self) -> BoolArray:
         """Which rows have a prediction, shape (n,)."""
-        return np.asarray(self.status == 0)
+        return np.asarray(self.status == CLOSED)
 
 
 class MeasurementModel:
@@ -258,7 +259,7 @@ class MeasurementModel:
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
         jacobian[:, :, :FRAMES] = frames.jacobian(poses, base)
         frames.carried(transfer.matrix, poses, base, out=jacobian[:, :, FRAMES:])
-        jacobian[transfer.status != 0] = np.nan
+        jacobian[transfer.status != CLOSED] = np.nan
         gap = transfer.disagreement
         if gap is not None:  # the frames have no part in it
             gap = np.pad(gap, ((0, 0), (0, 0), (FRAMES, 0)))

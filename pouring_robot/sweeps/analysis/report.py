@@ -15,6 +15,7 @@ from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import new_figure, own_look, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result
@@ -23,7 +24,7 @@ from pouring_robot.sweeps.analysis.summary import Summary, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import SweepPlan
-from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
+from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, STATUS_NAMES, SUMMARY, SweepStore, open_results
 
 _SHOWN, _SLICES = 20, 3
 _POINTS = 2000  # of each box at most: the picture shows no more
@@ -121,7 +122,8 @@ def summary_lines(found: SweepReport) -> list[str]:
             own = f"is off by an error of its own besides, up to {plan.own_error_m / MM:.3f} mm at these poses"
         lines.append(f"note: the robot of {plan.config.model} {own}")
     if found.summary.failed:
-        failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
+        others = ((name, count) for name, count in figures["status"].items() if name != STATUS_NAMES[CLOSED])
+        failed = ", ".join(f"{count} {name}" for name, count in others)
         lines.append(f"note: without a solution, kept with their status: {failed}")
     if found.indices and found.indices.dropped:
         lines.append(f"note: {found.indices.dropped} base samples have no solution at some pose and are left out there")

@@ -12,6 +12,7 @@ from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.sweeps.config import WITHIN_IT
 from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
@@ -49,7 +50,7 @@ class _Part:
 
     def __init__(self, store: SweepStore, chunk: Chunk) -> None:
         self.status = store.read("status", chunk)
-        self.good = self.status == 0
+        self.good = self.status == CLOSED
         self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
         self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
         self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
@@ -115,7 +116,7 @@ class Summary:
     @property
     def closed(self) -> int:
         """Number of samples with a solution."""
-        return self.status.get(STATUS_NAMES[0], 0)
+        return self.status.get(STATUS_NAMES[CLOSED], 0)
 
     def figures(self) -> dict[str, Any]:
         """Return the figures for people and JSON: mm, mrad; what nobody knows where no robot closed is None."""

@@ -35,6 +35,7 @@ from pouring_robot.io.figures import without_nan
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.sweeps.analysis.sobol import SobolIndices
 from pouring_robot.sweeps.analysis.summary import Summary
@@ -359,8 +360,8 @@ def _verified(
         values = robots.values(first, min(first + step, wanted.machines)) * factor
         moved = plan.moved(values, plan.poses[hardest])
         distance = np.linalg.norm(moved.displacement[:, :, 0], axis=-1)
-        within += ((moved.status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
-        failed += int((moved.status != 0).sum())
+        within += ((moved.status == CLOSED) & (distance <= plan.accuracy_m)).sum(axis=0)
+        failed += int((moved.status != CLOSED).sum())
         progress("verification", first + len(values), wanted.machines)
     tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
     capped, worst, predicted = found.capped[list(groups)], found.poses, float(found.quantile_m.max())
