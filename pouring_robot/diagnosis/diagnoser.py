@@ -25,8 +25,6 @@ from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
-Covariances = tuple[FloatArray, ...]
-
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
 """Of one answer, between two searches and at the end; most stay after one or two."""
@@ -213,13 +211,12 @@ class Diagnoser:
         state, single = self.settled(state, single)
         return state.alone, single
 
-    def parameters_of(self, hypothesis: Hypothesis, covariances: Covariances = ()) -> FoundByKey:
+    def parameters_of(self, hypothesis: Hypothesis, covariances: tuple[FloatArray, ...] = ()) -> FoundByKey:
         """Return every group of a hypothesis that has parameters of the robot: workmanship, then items.
 
         Their standard deviations are as :meth:`covariances` tell them, by default as the hypothesis itself does.
         """
-        mean, own = hypothesis.coefficients()
-        found = []
+        (mean, own), found = hypothesis.coefficients(), []
         for key, units in self.units(hypothesis).items():
             std = largest_std(units, covariances or (own,))
             values = zip(self.library.every_form[key].parameters, (units @ mean).tolist(), std.tolist(), strict=True)
@@ -236,7 +233,7 @@ class Diagnoser:
                 found[group.key][:, own] = form.told(self.fitted) @ units if form.told else units
         return found
 
-    def covariances(self, hypothesis: Hypothesis, unexplained: State | None) -> Covariances:
+    def covariances(self, hypothesis: Hypothesis, unexplained: State | None) -> tuple[FloatArray, ...]:
         """Return those that tell coefficients of everything fitted, (k, k), of which the larger counts.
 
         A state that the hypothesis is of, and where it leaves more than noise, adds how far stretches of time scatter

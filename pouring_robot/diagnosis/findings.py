@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.cross_validation import InTurn
-from pouring_robot.diagnosis.diagnoser import Covariances, Diagnoser, State, noise_left
+from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
@@ -17,7 +17,7 @@ from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import BoolArray, Indices
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 
 
@@ -43,7 +43,7 @@ class Findings:
     # why the answer is unknown whatever explains best: what is left is too large for noise, or what was found is no
     # credible robot; "" where neither is
     misfit: str
-    covariances: Covariances  # that tell how well the coefficients of everything fitted are known
+    covariances: tuple[FloatArray, ...]  # that tell how well the coefficients of everything fitted are known
     parameters: FoundByKey  # of everything fitted
     effects: tuple[NamedEffect, ...]  # the named effects with theirs
     untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks

@@ -82,12 +82,7 @@ class NoiseLevel:
         return NoiseLevel({**self.kinds, **changed})
 
     def from_left_over(
-        self,
-        kinds: Iterable[Kind],
-        components: Indices,
-        residual: FloatArray,
-        freedom: FloatArray,
-        fewest: float = 1.0,
+        self, kinds: Iterable[Kind], components: Indices, residual: FloatArray, freedom: FloatArray, fewest: float = 1.0
     ) -> NoiseLevel:
         """Return it with that of some kinds taken from what a fit with it leaves over, as :func:`scatter` of theirs.
 
