@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import turn_to
@@ -167,24 +166,19 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
 
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
     joints = robot.drawing().engine.structure.placed_joints
-    said = [name.partition(".t") for name in (joints if robot.file.places is None else robot.file.places)]
-    places = tuple(dict.fromkeys(joint for joint, _, _ in said))
-    along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}
-    axes = joints if robot.file.axes is None else robot.file.axes
-    for joint in (*places, *axes):
-        if joint not in joints:
-            raise DescriptionError(robot.path, f"'{joint}' is no joint of the chains{closest(joint, joints)}")
+    robot.check_displaced(joints)
+    along = robot.file.along
     tilts = []
-    for joint in axes:
+    for joint in joints if robot.file.axes is None else dict.fromkeys(robot.file.axes):
         axis = _axis(mechanism, joint)
         if axis.any():
             across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
             tilts.append(AxisTilt(joint, across, zeros=_zeros(robot, mechanism, joint, across)))
     return Placements(
-        centres={"joints": places},
+        centres={"joints": tuple(joints if along is None else along)},
         tilts=tuple(tilts),
         centre_words={"joints": "joint places"},
-        along=along,
+        along=along or {},
     )
 
 

@@ -60,6 +60,7 @@ class ParameterCatalogue:
         self.drives = drive_parameters(nominal)
         self.table = definition.dh_table(nominal)
         self.joints = self.table.joints if self.table else engine_for(nominal).structure.placed_joints
+        definition.check_displaced(self.joints)
         self.placements = placement_parameters(self.joints)
         chains = self.table.chains.items() if self.table else ()
         chain_of = {joint: n for n, chain in chains for joint in chain.joints}

@@ -20,6 +20,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -237,6 +238,9 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
         ("drives:", "groups: {g: []}\ndrives:", "group 'g' names no drive"),
         ("drives:", "groups: {g: [reach, reach]}\ndrives:", "group 'g' names a drive twice"),
         ("drives:", "travel: [rail]\ndrives:", "'rail' is not a joint of the robot"),
+        ("drives:", "places: [raech]\ndrives:", "'raech' is not a joint of the robot; did you mean 'reach'"),
+        ("drives:", "places: [reach.rx]\ndrives:", "'reach.rx' is not a joint of the robot"),
+        ("drives:", "axes: [reach.rx]\ndrives:", "'reach.rx' is not a joint of the robot"),
         ("drives:", "drvies: 1\ndrives:", "unknown key 'drvies'; did you mean 'drives'"),
         ("format: pouring_robot/robot/1", "format: pouring_robot/robot/9", "line 1"),
     ],
@@ -246,6 +250,22 @@ def test_mistakes_are_one_line_that_says_what(arm, old, new, says):
     with pytest.raises(DescriptionError, match=says) as problem:
         RobotDefinition.load(arm)
     assert "\n" not in str(problem.value)
+
+
+def test_a_joint_of_no_chain_is_not_displaced(arm):
+    """Nor asked for under a name that is there: ``calibrate`` said that there was no 'joint_places'."""
+    arm.write_text(FILE + "places: [carriage]\n", encoding="utf-8")
+    for asked in (ParameterCatalogue, causes_of):
+        with pytest.raises(DescriptionError, match="'carriage' is no joint of the chains"):
+            asked(RobotDefinition.load(arm))
+
+
+def test_a_place_may_be_said_twice(arm):
+    arm.write_text(FILE + "places: [reach.tx, reach.ty, reach.tx, shoulder.tz, shoulder]\naxes: []\n", encoding="utf-8")
+    definition = RobotDefinition.load(arm)
+    assert causes_of(definition).placements.along == {"reach": "xy", "shoulder": "xyz"}
+    names = {parameter.name for parameter in ParameterCatalogue(definition).match("geometry")}
+    assert names == {"drive.shoulder", "drive.reach", "reach.tx", "reach.ty", *(f"shoulder.t{axis}" for axis in "xyz")}
 
 
 def test_a_urdf_that_is_none_is_refused(arm):

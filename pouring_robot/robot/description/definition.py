@@ -100,7 +100,7 @@ class RobotDefinition:
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
         self.drives = tuple(Drive.of(entry, kinds, path) for entry in file.drives)
-        for name in (*file.travel, *file.home):
+        for name in (*file.travel, *file.home, *self._displaced):
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
         # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
@@ -343,12 +343,24 @@ class RobotDefinition:
     @property
     def parameter_groups(self) -> ParameterGroups:
         """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
-        own = {"joint_places": (self.file.places, "t?"), "joint_axes": (self.file.axes, "r?")}
-        found = dict(_GROUPS)
-        for name, (joints, part) in own.items():
-            if joints is not None:
-                found[name] = (_GROUPS[name][0], tuple(n if "." in n else f"{n}.{part}" for n in joints))
+        along, axes, found = self.file.along, self.file.axes, dict(_GROUPS)
+        if along is not None:
+            patterns = tuple(f"{joint}.t[{letters}]" for joint, letters in along.items())
+            found["joint_places"] = (_GROUPS["joint_places"][0], patterns)
+        if axes is not None:
+            found["joint_axes"] = (_GROUPS["joint_axes"][0], tuple(f"{joint}.r?" for joint in axes))
         return {name: group for name, group in found.items() if group[1]}
+
+    @property
+    def _displaced(self) -> tuple[str, ...]:
+        """Joints that the file says may be displaced."""
+        return (*(self.file.along or ()), *(self.file.axes or ()))
+
+    def check_displaced(self, joints: Collection[str]) -> None:
+        """Raise DescriptionError where the file lets a joint be displaced that is none of the chains'."""
+        for joint in self._displaced:
+            if joint not in joints:
+                raise DescriptionError(self.path, f"'{joint}' is no joint of the chains{closest(joint, joints)}")
 
     @property
     def parameter_sets(self) -> ParameterSets:

@@ -107,6 +107,15 @@ class RobotFile(StrictModel):
             raise ValueError(f"two drives have the column '{min(twice)}'")
         return self
 
+    @property
+    def along(self) -> dict[str, str] | None:
+        """Along which of its axes (``xyz``) each joint of ``places`` may stand elsewhere; None: all of them."""
+        found: dict[str, str] = {}
+        for name in self.places or ():
+            joint, _, axis = name.rpartition(".t") if name.endswith((".tx", ".ty", ".tz")) else (name, "", "xyz")
+            found[joint] = "".join(sorted({*found.get(joint, ""), *axis}))
+        return None if self.places is None else found
+
     @classmethod
     def load(cls, path: Path | str) -> Self:
         """Read a robot file; raises DescriptionError where it cannot be read, or a key or value in it is wrong."""
