@@ -5,6 +5,7 @@ import itertools
 import json
 import shutil
 
+import pandas
 import pytest
 
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -338,6 +339,10 @@ def test_any_robot_is_posed_and_compensated(run, tmp_path):
     (row,) = json.loads(out)["poses"]
     assert row["drives"]["arm1_drive_deg"] == pytest.approx(row["wanted"]["arm1_drive_deg"] - 0.0572958, abs=1e-6)
     assert row["left"]["distance_mm"] < 1e-6
+    (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm\n50,20,-600\n0,0,-700\n")
+    code, out, _ = run("compensate", "poses.csv", "--model", "built.yaml", "--out", "commands.csv")
+    before = pandas.read_csv(tmp_path / "commands.csv").error_before_mm.max()
+    assert code == 0 and out.startswith(f"largest: 'grip' {before:.3f} mm and 0.000 mrad off without")
 
 
 @pytest.mark.parametrize(

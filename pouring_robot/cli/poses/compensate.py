@@ -222,8 +222,7 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     written = options.written(asked.out, lambda: drives_csv(found))
     if asked.as_json:
         return options.print_figures({**robot.model.named, "poses": [one.figures() for one in found]}, written)
-    if len(found) == 1:
-        options.say(found[0].headline, style="bold")
+    options.say(found[0].headline if len(found) == 1 else _largest(found), style="bold")
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
         rows = [[v if isinstance(v, str) else f"{v:.4f}" for v in one.row().values()] for one in found]
@@ -232,6 +231,19 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     if robot.model.is_drawing and under is None:
         options.print_notes(["the drawing needs no compensation; give --model"])
     options.print_written(written)
+
+
+def _largest(found: Sequence[DriveCompensation]) -> str:
+    """Say how far off a tool was and is, the largest over all poses."""
+    from pouring_robot.io.units import MM, MRAD
+
+    before, left = [one.before for one in found], [one.left for one in found]
+    was, remains = (
+        (max(size.distance_m for size in sizes) / MM, max(size.angle_rad for size in sizes) / MRAD)
+        for sizes in (before, left)
+    )
+    off = f"{was[0]:.3f} mm and {was[1]:.3f} mrad off without compensation"
+    return f"largest: '{found[0].frame}' {off}, {remains[0]:.1e} mm and {remains[1]:.1e} mrad with it"
 
 
 def _each(
