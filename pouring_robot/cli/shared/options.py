@@ -152,7 +152,7 @@ AtMm = Annotated[
     Point | None,
     opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z", callback=_of_size),
 ]
-TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T", callback=_of_size)]
+TiltDeg = Annotated[float | None, opt("Commanded tilt about y (default: 0).", metavar="T", callback=_of_size)]
 RotationDeg = Annotated[
     Point | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size)
 ]
@@ -164,8 +164,8 @@ ModelFile = Annotated[Path | None, reads("Model file of the robot as built (defa
 RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of another robot than the pouring robot.")]
 LayoutName = Annotated[str | None, opt("Layout of the dimensions file (default: paper).", metavar="NAME")]
 AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
-CampaignFile = Annotated[Path, argument("CAMPAIGN", "CSV or Parquet table; the YAML of the same stem lies beside it.")]
-TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the shipped).")]
+CampaignFile = Annotated[Path, argument("CAMPAIGN", "Table, such as a CSV; the YAML of the same stem lies beside it.")]
+TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the robot's own, or the shipped).")]
 HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
 ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
 PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]

@@ -25,8 +25,8 @@ METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.h
 def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
-    ``ladles.html`` is left out where no row has a whole position: there is nothing to draw; ``next.csv`` where nothing
-    is to be measured next. The folder is made if it is not there.
+    ``ladles.html`` is left out where no row has a whole position, and of any robot without a ladle; ``next.csv`` where
+    nothing is to be measured next. The folder is made if it is not there.
 
     Raises:
         OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
