@@ -39,7 +39,7 @@ class MeasurementOptions:
         sigma_rotation_rad: standard deviation of a rotation component, in rad; None: positions only.
         outliers: number of rows with a gross error.
         outlier_m: their shift is 0.5 to 1.5 times this, in a random direction, in m.
-        lost: share of measured cells that are empty, 0 to 1.
+        lost: share of measured cells that are empty, 0 to 0.9.
         pose_tracker_to_fixed_platform: None: drawn, as ``pose_platform_to_target``.
         seed: of everything random.
     """

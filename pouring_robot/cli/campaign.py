@@ -218,7 +218,7 @@ def simulate(
     position_only: Annotated[bool, opt("Measure no rotations.", "--position-only")] = False,
     outliers: Annotated[int, opt("Rows with a gross error.", metavar="N", min=0)] = 0,
     outlier_mm: Annotated[float, opt("Size of a gross error.")] = 5.0,
-    lost: Annotated[float, opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
+    lost: Annotated[float, opt("Share of measured cells left empty, 0 to 0.9.", metavar="SHARE")] = 0.0,
     tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
     target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
     truth: Annotated[Path | None, writes("Write what was hidden (frames, gross errors) as JSON.")] = None,

@@ -13,7 +13,7 @@ from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 
 @dataclass(frozen=True, eq=False)
 class PoseDifference(ReadOnly):
-    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform."""
+    """Where the actual frame stands, beside where it should be, in the axes of the base."""
 
     translation_m: FloatArray  # actual minus nominal origin, shape (3,), in m
     rotation_rad: FloatArray  # rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad
