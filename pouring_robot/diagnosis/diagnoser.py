@@ -19,7 +19,7 @@ from pouring_robot.estimation.splits import blocks
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Judgement
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.problem import WORKMANSHIP_FORM, Nuisance, Problem
+from pouring_robot.inference.problem import Nuisance, Problem
 from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
@@ -261,8 +261,7 @@ class Diagnoser:
         """Return the causes of a judgement with their parameters, found as :meth:`parameters_of` has them."""
         known, effects, named = dict(found), self.library.effects, []
         for cause in judgement.causes:
-            keys = [hypothesis.items[k].key for k in cause.indices] or [(cause.effect, WORKMANSHIP_FORM)]
-            parameters = tuple(one for key in keys for one in known[key])
+            parameters = tuple(one for key in cause.keys(hypothesis) for one in known[key])
             nearest = cause.effect in judgement.doubtful
             named.append(NamedEffect(cause, nearest, effects[cause.effect].story, parameters))
         return tuple(named)

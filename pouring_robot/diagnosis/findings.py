@@ -1,8 +1,9 @@
 """What the search found in a campaign: data, states, judgement. What follows from it: :mod:`~.conclusions`."""
 
 import functools
-import math
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
@@ -13,7 +14,7 @@ from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, Na
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.intervals import Z95
+from pouring_robot.estimation.intervals import Z95, largest_std
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -102,16 +103,24 @@ class Findings:
 
         A parameter that two forms share stands once, its values added up.
         """
-        once: dict[EffectParameter, FoundParameter] = {}
-        for found in effect.parameters:
-            p, have = found.parameter, once.get(found.parameter)
-            once[p] = found
-            if have:
-                once[p] = replace(found, value=have.value + found.value, std=math.hypot(have.std, found.std))
+        places: dict[EffectParameter, list[int]] = {}
+        for k, found in enumerate(effect.parameters):
+            places.setdefault(found.parameter, []).append(k)
+        units = self.units_of(effect)
+        stds = largest_std(np.array([units[own].sum(axis=0) for own in places.values()]), self.covariances).tolist()
+        once = {
+            p: replace(effect.parameters[own[0]], value=sum(effect.parameters[k].value for k in own), std=std)
+            for (p, own), std in zip(places.items(), stds, strict=True)
+        }
         names = [p.name for p in once]
         forms = [form for (known, _), form in self.diagnoser.library.forms.items() if known == effect.cause.effect]
         of = {p: f" ({form.name})" for form in reversed(forms) for p in form.parameters if names.count(p.name) > 1}
         return [(p.name + of.get(p, ""), found) for p, found in once.items()]
+
+    def units_of(self, effect: NamedEffect) -> FloatArray:
+        """Return what each coefficient of the hypothesis adds to an effect's parameters, (p, k), in their units."""
+        units = self.diagnoser.units(self.hypothesis)
+        return np.vstack([units[key] for key in effect.cause.keys(self.hypothesis)])
 
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
         """Return what the parameters of an effect say together, a sentence each."""

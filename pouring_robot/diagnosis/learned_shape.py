@@ -40,9 +40,7 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
     }
     most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
     main = np.array([p.main for p in parameters])
-    units = diagnosis.diagnoser.units(diagnosis.hypothesis)
-    known = np.vstack([units[diagnosis.hypothesis.items[k].key] for k in effect.cause.indices])
-    std = largest_std(moves[most] @ known, diagnosis.covariances)
+    std = largest_std(moves[most] @ diagnosis.units_of(effect), diagnosis.covariances)
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
     if np.square(learned - textbook).mean() <= np.square(std).mean():
         return None

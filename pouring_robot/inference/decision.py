@@ -41,6 +41,10 @@ class Cause:
     exact: bool = False  # whether its form is all that nature can do: places and axes of rigid joints are
     margins: Mapping[str, float] = field(default_factory=dict)  # of its close rivals, as :func:`~.alternatives.rivals`
 
+    def keys(self, hypothesis: Hypothesis) -> list[tuple[str, str]]:
+        """Return effect and form of each of its items, or of the workmanship that it is."""
+        return [hypothesis.items[k].key for k in self.indices] or [(self.effect, WORKMANSHIP_FORM)]
+
 
 @dataclass(frozen=True)
 class Judgement:

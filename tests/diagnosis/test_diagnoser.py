@@ -1,5 +1,7 @@
 """What an answer that is put into the robot is settled beside, what it is held against, and how well it is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,17 @@ def test_where_something_is_unknown_stretches_of_time_say_how_well_the_rest_is_k
     units = [one.parameter.prior_std for one in told]
     np.testing.assert_allclose([one.std for one in told], expected * weights * units, rtol=1e-4)
     assert (expected > 1.5 * np.sqrt(np.diag(covariance))).any()
+
+
+def test_what_forms_share_is_known_as_well_as_their_sum(hot):
+    """Forms that do the same to a parameter move together: the sum's deviation is twice that of one, and not 1.41."""
+    effect = next(one for one in hot.effects if one.cause.indices)
+    first = effect.cause.indices[0]
+    parameters = dict(hot.parameters)[hot.hypothesis.items[first].key]
+    alone, shared = (
+        replace(effect, cause=replace(effect.cause, indices=count * (first,)), parameters=count * parameters)
+        for count in (1, 2)
+    )
+    for (name, once), (same, both) in zip(*(hot.parameters_of(one) for one in (alone, shared)), strict=True):
+        assert (same, both.value) == (name, 2.0 * once.value)
+        assert both.std == pytest.approx(2.0 * once.std)
