@@ -50,7 +50,7 @@ class GeneralEngine(Engine):
             result.joints[row], result.residual[row] = closed.configuration, closed.residual
             result.iterations[row], result.status[row] = closed.iterations, CLOSED
             if redundant:
-                result.disagreement[row], _ = disagreement(solver, closed)
+                result.disagreement[row], _ = disagreement(solver, closed, redundant)
         return result
 
     def _transfer(
@@ -68,7 +68,7 @@ class GeneralEngine(Engine):
                 result = solver.result_at(closed.joints[row])
                 matrix[row] = closed_chain_transfer(solver, result, chosen).matrix
                 if redundant.size:
-                    redundant[row] = disagreement(solver, result, chosen)[1]
+                    redundant[row] = disagreement(solver, result, redundant.shape[1], chosen)[1]
             except SingularPoseError:
                 status[row] = SINGULAR
         return BatchTransfer(chosen, matrix, status, redundant)

@@ -163,7 +163,7 @@ def bring(
     to command what its drives hardly move, or None: found on the way. What does not close or is singular there raises.
     """
     mechanism, base = solver.mechanism, solver.mechanism.loops.base_frame
-    parameters = drive_parameters(mechanism)
+    parameters, redundant = drive_parameters(mechanism), redundant_drives(mechanism)
     frame = target.frame or str(mechanism.loops.end_frame)
     before = np.inf
     for _ in range(_MOST_STEPS):
@@ -171,8 +171,8 @@ def bring(
         left = target.left(result.pose(base, frame))
         matrix = closed_chain_transfer(solver, result, parameters, frame).matrix
         step, found = _step(matrix, left, target.rotation is not None, ranks)
-        if mechanism.loops.redundant_drives:
-            step = _agreeing(step, matrix, *disagreement(solver, result, parameters))
+        if redundant:
+            step = _agreeing(step, matrix, *disagreement(solver, result, redundant, parameters))
         size = float(np.abs(step).max())
         if done := bool(settled(size, before)):
             break

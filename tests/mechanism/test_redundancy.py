@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.optimize import least_squares
 
@@ -97,3 +98,51 @@ def test_a_robot_without_redundant_drives_has_none_and_may_not_say_so(robot):
     said = RobotFile.load(arm.path).model_copy(update={"redundant_drives": True})
     with pytest.raises((BadInputError, DescriptionError), match="redundant"):
         redundant_drives(RobotDefinition(said, arm.path).mechanism())
+
+
+CORNERS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]])
+
+
+@pytest.fixture(scope="module")
+def plane(tmp_path_factory):
+    """Four belts from the corners of a frame to one point in its plane: loops hold nothing across the plane."""
+    folder = tmp_path_factory.mktemp("plane")
+    parts = ['<robot name="belts"><link name="frame"/>']
+    for name, (x, y) in zip("abcd", CORNERS, strict=True):
+        along = np.array([1.5 - x, 1.0 - y]) / np.hypot(1.5, 1.0)
+        parts.append(
+            f'<joint name="anchor_{name}" type="continuous"><origin xyz="{x} {y} 0"/><axis xyz="0 0 1"/>'
+            f'<parent link="frame"/><child link="eye_{name}"/></joint><link name="eye_{name}"/>'
+            f'<joint name="belt_{name}" type="prismatic"><axis xyz="{along[0]} {along[1]} 0"/>'
+            f'<limit lower="0" upper="4" effort="1" velocity="1"/><parent link="eye_{name}"/>'
+            f'<child link="end_{name}"/></joint><link name="end_{name}"/>'
+        )
+    for link, before, axis in (("carriage", "frame", "1 0 0"), ("sled", "carriage", "0 1 0")):
+        parts.append(
+            f'<joint name="to_{link}" type="prismatic"><axis xyz="{axis}"/><limit lower="-4" upper="4" effort="1" '
+            f'velocity="1"/><parent link="{before}"/><child link="{link}"/></joint><link name="{link}"/>'
+        )
+    (folder / "belts.urdf").write_text("".join(parts) + "</robot>")
+    loops = ", ".join(f"{{name: {n}, frame_a: end_{n}, frame_b: sled, type: 3d}}" for n in "abcd")
+    (folder / "robot.yaml").write_text(
+        "format: pouring_robot/robot/1\nname: belts\nurdf: belts.urdf\nbase_frame: frame\nend_frame: sled\n"
+        f"loops: [{loops}]\ndrives: [{', '.join(f'{{joint: belt_{n}}}' for n in 'abcd')}]\nredundant_drives: true\n"
+        f"home: {{to_carriage: 1.5, to_sled: 1.0, {', '.join(f'belt_{n}: {np.hypot(1.5, 1.0)}' for n in 'abcd')}}}\n"
+    )
+    return RobotDefinition.load(folder / "robot.yaml")
+
+
+def test_in_a_plane_they_disagree_in_as_many_ways_as_they_are_too_many(plane):
+    rng = np.random.default_rng(4)
+    places = rng.uniform([0.5, 0.5], [2.5, 1.5], (6, 2))
+    lengths = np.linalg.norm(places[:, None] - CORNERS, axis=2) + rng.normal(0.0, 0.01, (6, 4))
+    found = engine_for(plane.mechanism()).close(lengths, plane.drawing().starts(lengths))
+    assert found.disagreement.shape == (6, 2)
+    for row, own in enumerate(lengths):
+        least = least_squares(lambda p, own=own: np.linalg.norm(p - CORNERS, axis=1) - own, places[row], xtol=1e-15)
+        assert np.linalg.norm(found.disagreement[row]) == pytest.approx(np.linalg.norm(least.fun), abs=1e-9)
+
+
+def test_what_is_built_a_little_off_the_plane_is_no_drive_too_many(plane):
+    tilted = {"anchor_b": pin.SE3(pin.exp3(np.array([2e-3, 0.0, 0.0])), np.array([0.0, 0.0, 1e-3]))}
+    assert redundant_drives(plane.mechanism().displaced(tilted)) == 2

@@ -22,6 +22,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.energy import EnergyState
 from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists
 from pouring_robot.mechanism.closure.solver import LEAST_SINGULAR_VALUE, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.local_parameters import DriveParameter, LocalParameter
@@ -33,36 +34,53 @@ _MOVES = 1e-6
 def redundant_drives(mechanism: ClosedChainMechanism) -> int:
     """Return by how many drives outnumber their freedoms: 0 unless the robot file says so, or BadInputError if none.
 
-    Counted as 6 or 3 equations a loop less the passive freedoms: no loop may hold anything twice.
+    That is in how many ways drives open loops that no passive joint closes, in any pose of the tree but a special one.
+    Of the drawing, in which a plane mechanism is plane: what is built a little off it strains its parts.
     """
     if not mechanism.loops.redundant_drives:
         return 0
-    equations = sum(3 if loop.type == "3d" else 6 for loop in mechanism.loops.loops)
-    count = equations - mechanism.passive_columns.size
-    if count < 1:
+    drawn = mechanism.displaced({joint: error.inverse() for joint, error in mechanism.errors.items()})
+    model, anywhere = drawn.shared_model, np.random.default_rng(0).uniform(-1.0, 1.0, drawn.shared_model.nv)
+    anywhere[np.setdiff1d(np.arange(model.nv), drawn.closing_columns)] = 0.0
+    pose = pin.integrate(model, drawn.neutral_configuration(), drawn.coupling @ anywhere)
+    rows = _opening(ClosureSolver(drawn), pose)[1]
+    passive, all_joints = (
+        np.linalg.matrix_rank(rows @ drawn.coupling[:, columns], LEAST_SINGULAR_VALUE)
+        for columns in (drawn.passive_columns, drawn.closing_columns)
+    )
+    if all_joints == passive:
         raise BadInputError(
-            f"redundant_drives: {equations} equations of the loops hold {mechanism.passive_columns.size} passive "
-            "freedoms, so no drive is redundant; strike the key, or list all that is measured among the drives"
+            f"redundant_drives: whatever the {len(drawn.drive_columns)} drives do, the passive joints close the loops; "
+            "strike the key, or list all that is measured among the drives"
         )
-    return count
+    return int(all_joints - passive)
+
+
+def _opening(solver: ClosureSolver, configuration: FloatArray) -> tuple[EnergyState, FloatArray]:
+    """Return the energy's state at a configuration (nq,), and how joints open the loops, weighted, (6 loops, nv)."""
+    energy = solver.energy
+    state = energy.evaluate(configuration, configuration)
+    return state, _weight(solver) * state.jacobian.reshape(-1, energy.model.nv)
+
+
+def _weight(solver: ClosureSolver) -> FloatArray:
+    return np.asarray(solver.energy.root_stiffness / np.sqrt(solver.mechanism.loops.stiffness_si[0]))
 
 
 def disagreement(
-    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter] = ()
+    solver: ClosureSolver, result: ClosureResult, count: int, parameters: Sequence[LocalParameter] = ()
 ) -> tuple[FloatArray, FloatArray]:
     """Return what redundant drives disagree by, shape (r,), and its derivative by parameters, shape (r, P), in m.
 
-    ``result`` is a closure of the solver without loads; the parameters are of placements and drives.
+    ``result`` is a closure of the solver without loads; ``count`` is r, as :func:`redundant_drives` has it; the
+    parameters are of placements and drives.
 
     Raises:
         BadInputError: the drives are not redundant as the robot file says.
     """
-    mechanism, energy = solver.mechanism, solver.energy
-    count = redundant_drives(mechanism)
-    state = energy.evaluate(result.configuration, result.configuration)
+    mechanism, energy, weight = solver.mechanism, solver.energy, _weight(solver)
+    state, rows = _opening(solver, result.configuration)
     pin.updateFramePlacements(energy.model, energy.data)
-    weight = energy.root_stiffness / np.sqrt(mechanism.loops.stiffness_si[0])
-    rows = weight * state.jacobian.reshape(-1, energy.model.nv)
     driven = rows @ mechanism.coupling[:, mechanism.drive_columns]
     left, sizes, _ = np.linalg.svd(rows @ energy.basis)
     held = left[:, np.count_nonzero(sizes > LEAST_SINGULAR_VALUE) :]
