@@ -1,5 +1,6 @@
 """From a campaign to a calibrated robot: check, split, choose, fit, judge on rows nobody has looked at."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -151,7 +152,8 @@ def calibrate(
     own_frames = [parameter.name for parameter in sessions]
     position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])
     located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
-    known = fit.covariances, fit.interval_freedoms
+    known = functools.partial(ladle_uncertainty, located=located, turned=turned)
+    told = fit.unknowns, fit.covariances, fit.interval_freedoms
     return Calibration(
         campaign=campaign,
         present=model,
@@ -170,7 +172,8 @@ def calibrate(
         after=after,
         base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=ladle_uncertainty(workspace, fit.unknowns, *known, located=located, turned=turned),
+        ladle=known(workspace, *told),
+        ladle_measured=known(chosen[used], *told),
         performance=pose_performance(measured, before, after, alike),
     )
 

@@ -126,7 +126,7 @@ def performance_line(calibration: CalibrationFindings) -> str:
 
 def ladle_line(calibration: CalibrationFindings) -> str:
     """Return how well the ladle is known."""
-    half = calibration.ladle.half_width_m / MM
+    half, measured = (ladle.half_width_m / MM for ladle in (calibration.ladle, calibration.ladle_measured))
     if not half.size:
         return "the workspace box holds no pose the robot can take"
     _, point = calibration.present.definition.tool_words
@@ -138,8 +138,8 @@ def ladle_line(calibration: CalibrationFindings) -> str:
         axes = "in the robot's own base, for the data hardly tell where device and target stand, "
     return (
         f"as far as what was kept explains the robot, {axes}the model knows each coordinate of {point} to "
-        f"±{np.median(half):.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
-        "measurement noise comes on top"
+        f"±{np.median(half):.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm, and in the "
+        f"poses measured ±{np.median(measured):.3f} mm; measurement noise comes on top"
     )
 
 

@@ -271,6 +271,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     if not len(ladle.position_m):
         return {"poses": 0}
     half, noise = ladle.half_width_m / MM, deviations95(ladle.freedoms) * calibration.noise.length_m / MM
+    measured = float(np.median(calibration.ladle_measured.half_width_m)) / MM
     worst = int(np.argmax(half))
     pose = dict(zip(("x_mm", "y_mm", "z_mm"), (ladle.position_m[worst] / MM).tolist(), strict=True))
     if ladle.tilt_rad is not None:
@@ -278,7 +279,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     return {
         "poses": len(half),
         "axes": "tracker" if ladle.located else "base",
-        "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
+        "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max()), "where_measured": measured},
         "with_noise95_mm": {"median": float(np.median(np.hypot(half, noise)))},
         "worst_pose": pose,
     }

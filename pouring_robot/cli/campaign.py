@@ -198,7 +198,7 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
         texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold)
         open_ = "; ".join(text.removeprefix("+") for text in texts)
         frames = "where the robot (base) stands from the device, and the target on the robot (tool)"
-        yield f"of {frames}, the poses do not tell, and need not: {open_}"
+        yield f"of {frames}, the poses do not tell, and for such poses need not: {open_}"
 
 
 def _seen(what: str) -> Any:
