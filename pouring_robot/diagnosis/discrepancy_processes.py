@@ -29,7 +29,7 @@ from pouring_robot.robot.description.drive import Drive
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
 _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
-DRIVES, SEEN = "drives", "seen place"
+DRIVES, SEEN = "drives", "readings"
 CONSTANT = "a constant"
 SIDE = "side of approach"
 OTHERS = "other drives"

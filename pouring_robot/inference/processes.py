@@ -78,7 +78,7 @@ class Part:
 class Process:
     """A random function by which something unknown moves a place."""
 
-    where: str  # what is moved, in words: ``seen place and turn``, ``drives`` …
+    where: str  # what is moved, in words: ``readings``, ``drives`` …
     by: str  # what it depends on, in words
     lengths: dict[str, tuple[Part, ...]]  # its parts for each length scale, by the scale in words
     # effects that are as general as it is and say the same: it is no other explanation in their place

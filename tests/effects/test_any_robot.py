@@ -413,3 +413,14 @@ def test_what_stands_off_by_a_constant_is_an_effect_that_says_the_same(rows):
                 assert (left <= 1e-6 * np.linalg.norm(columns)).all()
     zeros = {effect for effect in known if effect.partition(".")[0] == "drive_zero_offset"}
     assert said == {*zeros, "joint_placement"}
+
+
+def test_nothing_unknown_moves_a_seen_place_where_no_place_is_seen():
+    """Of a Maslow, whose four belts are all that is measured, "seen place by pose" was said to be left."""
+    machine = ROOT / "examples" / "machines" / "hangprinter"
+    model = RobotModel.for_robot(machine / "robot.yaml")
+    campaign = Campaign.read(machine / "samples.csv", model.definition)
+    lines = CampaignRows(campaign, model, NOISE)
+    linear = lines.linearise(lines.unchanged(), lines.frames)
+    moved = {process.where for process in processes_of(lines, linear, np.eye(3))}
+    assert "readings" in moved and not any("place" in where for where in moved)
