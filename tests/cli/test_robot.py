@@ -524,3 +524,12 @@ def test_a_machine_that_does_not_reach_its_middle_is_told_what_falls_short_and_l
     code, out, err = run("robot", "new", "--out", "mine", "--yes", "--stroke-mm", 400, 500)
     assert (code, "in the middle of the workspace" in err) == (3, True)
     assert "leg3_s3 stops short of" in out and not (tmp_path / "mine").exists()
+
+
+def test_drives_that_disagree_are_no_load(run):
+    """Of belts that were 7 mm apart 700 kN were told, by a stiffness of joints that belts do not have."""
+    lines = ROBOTS.parent / "machines" / "hangprinter" / "robot.yaml"
+    code, out, _ = run("pose", "--robot", lines, "--drives", "1600 1795 1582.5 2355")
+    assert code == 0
+    assert "what the redundant drives disagree by, and no load" in out
+    assert " N and " not in out

@@ -77,10 +77,13 @@ def print_closure_note(
                 f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
                 "parts could meet, so the joints are forced by what is left open"
             )
-        say(
-            f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
-            "(by the assumed joint stiffness)"
-        )
+        if location.loops.redundant_drives:  # the stiffness of joints would make of it what no line carries
+            say("  what is left open is what the redundant drives disagree by, and no load")
+        else:
+            say(
+                f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a "
+                "chain (by the assumed joint stiffness)"
+            )
     if weakness is not None:
         say(
             f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
