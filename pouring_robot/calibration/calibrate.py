@@ -138,11 +138,10 @@ def calibrate(
     chosen, fit, after = fitted(selection.groups)
     progress("judging", 0, 0)
     refused: Refusal | None = None
-    test = np.setdiff1d(parts.test, left_out)
-    scores = (row_scores(difference[test], full.sigma) for difference in (before, after))
+    scores = (row_scores(difference[parts.test], full.sigma) for difference in (before, after))
     if options.choose and selection.groups and not acceptable(*scores):
         names = tuple(group.name for group in selection.groups)
-        refused = Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
+        refused = Refusal(names, Misfit.of(before[parts.test]), Misfit.of(after[parts.test]))
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))

@@ -1,12 +1,7 @@
-"""Figures as they are printed, and as JSON takes them."""
+"""Figures as JSON takes them."""
 
 import math
 from typing import Any
-
-
-def decimals(value: float, digits: int, *, sign: bool = False) -> str:
-    """Return a figure with so many decimals; one that they do not show is 0, never -0."""
-    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}"
 
 
 def without_nan(value: Any) -> Any:

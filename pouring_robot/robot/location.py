@@ -108,7 +108,7 @@ class LadleLocation(ReadOnly, Location):
     def title(self) -> str:
         """The same for a picture."""
         x, y, z, tilt = self.commanded.to_mm_deg()
-        return f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f}°"
+        return f"x {x:z.0f}, y {y:z.0f}, z {z:z.0f} mm, tilt {tilt:z.1f}°"
 
 
 def drive_words(mechanism: ClosedChainMechanism, drives: Mapping[str, float]) -> list[str]:

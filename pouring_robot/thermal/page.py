@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, own_look, svg_of, tidy
@@ -36,11 +35,11 @@ def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
 def _pose(found: PoseHeat) -> list[Block]:
     rows = []
     for part, figures in found.parts.items():
-        cells = (decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in figures.items())
+        cells = (f"{v:z.{3 if name == 'growth_mm' else 1}f}" if v is not None else "" for name, v in figures.items())
         rows.append((part.replace("_", " "), *cells))
     moves = []
     for frame, difference in found.moved.items():
-        shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())
+        shift, turn = ([f"{v:+z.3f}" for v in part] for part in difference.to_mm_mrad())
         moves.append((frame, *shift, f"{difference.distance_m / MM:.3f}", *turn))
     balance, bending = found.field.balance, found.bending
     gains = balance.melt_radiation_W + balance.melt_conduction_W
@@ -55,7 +54,7 @@ def _pose(found: PoseHeat) -> list[Block]:
         Paragraph(
             f"heat: {gains / 1e3:.2f} kW from the melt ({balance.melt_radiation_W / 1e3:.2f} by radiation, "
             f"{balance.melt_conduction_W / 1e3:.2f} through the lining), {losses / 1e3:.2f} kW to the surroundings "
-            f"({balance.ambient_film_W / 1e3:.2f} by air), {decimals(balance.stored_W / 1e3, 2)} kW stored"
+            f"({balance.ambient_film_W / 1e3:.2f} by air), {balance.stored_W / 1e3:z.2f} kW stored"
         ),
         Paragraph(
             f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would "
@@ -80,7 +79,7 @@ def _shift(found: ShiftHeat) -> list[Block]:
     }
     digits = {column: 3 if column.endswith("_mm") else 1 for column in shown.values()} | {"melt_degC": 0}
     rows = [
-        [decimals(row[name], digits[name]) for name in shown.values()] for row in found.to_frame().to_dict("records")
+        [f"{row[name]:z.{digits[name]}f}" for name in shown.values()] for row in found.to_frame().to_dict("records")
     ]
     title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
     return [Paragraph(title), Table(list(shown), rows)]

@@ -78,7 +78,7 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
     steps = []
     for k, minute in enumerate(minutes.tolist()):
         means = [(f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)]
-        lip_moved = (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm")
+        lip_moved = (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+z.2f}" for v in shifts[k]) + " mm")
         platform = ("platform", f"{shift.fields[k].platform_degC:.0f} °C")
         steps.append(Step(f"{minute:.1f} min", (("melt", f"{melt[k]:.0f} °C"), *means, platform, lip_moved)))
     curves = [Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)]

@@ -283,6 +283,13 @@ def test_compensate_puts_the_lip_right(run):
     assert row["left_at_lip"]["distance_mm"] < 1e-6
 
 
+def test_no_figure_is_minus_zero(run):
+    _, out, _ = run("compensate", "--at-mm", "-100", "-0.01", "-625", "--tilt-deg", "-0.01")
+    cells = out.split()
+    assert cells.count("0.0") == 2  # y and tilt of the wanted pose
+    assert not [cell for cell in cells if re.fullmatch(r"-0\.0*", cell)]
+
+
 def test_compensate_says_that_the_cold_drawing_needs_none(run):
     code, out, _ = run("compensate", *AT)
     assert code == 0 and "needs no compensation" in out

@@ -136,7 +136,6 @@ def _ladle(
 def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
     from pouring_robot.cli.poses.heat import unsettled_words
-    from pouring_robot.io.figures import decimals
     from pouring_robot.io.units import MM, MRAD
 
     word = "" if len(found) == 1 else "largest: "
@@ -148,8 +147,8 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
     lip = max(one.left_at_lip.distance_m for one in found) / MM
     yield (
-        f"{word}not in the drives' power: roll {decimals(roll, 3, sign=True)} mrad about x, yaw "
-        f"{decimals(yaw, 3, sign=True)} mrad about z; the lip is left {lip:.3f} mm off"
+        f"{word}not in the drives' power: roll {roll:+z.3f} mrad about x, yaw "
+        f"{yaw:+z.3f} mrad about z; the lip is left {lip:.3f} mm off"
         + ("; --frame ladle_lip puts the lip right instead" if closed and frame != "ladle_lip" else "")
     )
     moved = max(one.state.unsettled_m for one in found)
@@ -169,9 +168,9 @@ def _print_commands(found: Sequence[Compensation]) -> None:
     for one in found:
         *legs, tilt_drive = one.drives.values()
         *place, angle = one.command.to_mm_deg()
-        wanted = [f"{value:.1f}" for value in one.wanted.to_mm_deg()]
-        drives = [*(f"{value / MM:.4f}" for value in legs), f"{math.degrees(tilt_drive):.6f}"]
-        rows.append([*wanted, *drives, *(f"{value:.3f}" for value in place), f"{angle:.4f}"])
+        wanted = [f"{value:z.1f}" for value in one.wanted.to_mm_deg()]
+        drives = [*(f"{value / MM:.4f}" for value in legs), f"{math.degrees(tilt_drive):z.6f}"]
+        rows.append([*wanted, *drives, *(f"{value:z.3f}" for value in place), f"{angle:z.4f}"])
     drives = [f"{name} {unit}" for name, unit in zip(DRIVE_JOINTS, ("mm", "mm", "mm", "°"), strict=True)]
     options.say("wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)")
     print_rows(["x", "y", "z", "tilt °", *drives, "x'", "y'", "z'", "tilt' °"], rows)
@@ -204,7 +203,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
     options.say(headline, style="bold")
     if not written:
         cells = [
-            [f"{value:.4f}" if isinstance(value, float) else str(value) for value in row]
+            [f"{value:z.4f}" if isinstance(value, float) else str(value) for value in row]
             for row in table.to_numpy().tolist()
         ]
         print_rows(list(table.columns), cells)
@@ -225,7 +224,7 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     options.say(found[0].headline if len(found) == 1 else _largest(found), style="bold")
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
-        rows = [[v if isinstance(v, str) else f"{v:.4f}" for v in one.row().values()] for one in found]
+        rows = [[v if isinstance(v, str) else f"{v:z.4f}" for v in one.row().values()] for one in found]
         print_rows(head, rows, "drives to command; how far off without and with it")
     options.print_notes([*(under.notes if under else ()), *drive_notes(found)])
     if robot.model.is_drawing and under is None:

@@ -11,7 +11,6 @@ import numpy as np
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
@@ -65,7 +64,7 @@ class ThermalLaw:
     def print_sum(self, robot: Robot, full: LadleLocation) -> None:
         """Print it beside the full closure."""
         rows = [
-            (name.replace("_", " "), *(decimals(value, 3, sign=True) for value in shift))
+            (name.replace("_", " "), *(f"{value:+z.3f}" for value in shift))
             for name, shift in self.sum_mm(robot, full).items()
         ]
         # A title of the table would be broken at the table's width.
@@ -136,7 +135,7 @@ class Warmth:
         rows, (_, state) = [], self.warm
         for frame, one in self.shares.items():
             for k, (name, part) in enumerate(_share_figures(one).items()):
-                shift, turn = ([decimals(v, 3, sign=True) for v in part[key]] for key in _SHIFT_TURN)
+                shift, turn = ([f"{v:+z.3f}" for v in part[key]] for key in _SHIFT_TURN)
                 cells = [*shift, f"{part['distance_mm']:.3f}", *turn]
                 rows.append(("" if k else frame, name.replace("_", " "), *cells))
         head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")

@@ -152,7 +152,6 @@ def _error(shift: Any, turn: Any) -> Row:
 
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
     from pouring_robot.cli.shared.tables import print_rows
-    from pouring_robot.io.figures import decimals
     from pouring_robot.mechanism.closure.status import CLOSED, STATUS_NAMES
 
     worst = max(row.get("error_mm", 0.0) for row in rows)
@@ -167,8 +166,8 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         names = list(dict.fromkeys(name for row in rows for name in row))
 
         def cell(name: str, value: Any) -> str:
-            signed = name.startswith("error_") and name != "error_mm"
-            return value if isinstance(value, str) else decimals(value, 3, sign=signed)
+            sign = "+" if name.startswith("error_") and name != "error_mm" else ""
+            return value if isinstance(value, str) else f"{value:{sign}z.3f}"
 
         short = [
             name.replace("error_mm", "|Δ| mm").replace("error_", "Δ").replace("_", " ").replace("open um", "open µm")

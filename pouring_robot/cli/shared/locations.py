@@ -7,7 +7,6 @@ from pathlib import Path
 from pouring_robot.cli.shared.bundles import Drawing
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
@@ -16,7 +15,7 @@ from pouring_robot.robot.robot import Robot
 
 
 def _cells(values: Iterable[float], *, sign: bool = False) -> list[str]:
-    return [decimals(value, 3, sign=sign) for value in values]
+    return [f"{value:{'+' if sign else ''}z.3f}" for value in values]
 
 
 def print_location(location: Location) -> None:

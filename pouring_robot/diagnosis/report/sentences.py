@@ -389,7 +389,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
     best, told = suggestion.best_first, some(pairs, _SHOWN_PAIRS)
     gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
-    odds = f"({LITTLE_NATS:g} nats: odds of 20)"
+    odds = f"({LITTLE_NATS:g} nats: odds of {math.exp(LITTLE_NATS):.0f})"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
         return [
             f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and "

@@ -86,8 +86,8 @@ class SuggestedMeasurement:
         given, robot = self.conditions, self.robot
         place = in_mm_deg(self.pose)
         x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
-        turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
-        at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
+        turn = ", ".join(f"{name.removesuffix('_deg')} {value:z.0f}°" for name, value in place.items())
+        at = f"x {x:z.0f}, y {y:z.0f}, z {z:z.0f} mm"
         said = [f"{self._drive_words}, at {at}" if self.in_drives else f"{at}, {turn}"]
         names = approach_names(robot)
         sides = {name: "+" if given[name] > 0 else "-" for name in names if name in given}
@@ -101,7 +101,7 @@ class SuggestedMeasurement:
             if kind.hot_rise_k:
                 name, word = next(iter(kind.members.items()))
                 told.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
-        said += [f"{words} {given[name]:.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
+        said += [f"{words} {given[name]:z.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
         return ", ".join(said)
 
     @property
@@ -110,7 +110,7 @@ class SuggestedMeasurement:
         said = []
         for drive, value in zip(self.robot.drives, self.drives, strict=True):
             command = drive.commanded(value)
-            shown = f"{command / MM:.1f} mm" if drive.command == "length" else f"{math.degrees(command):.2f}°"
+            shown = f"{command / MM:z.1f} mm" if drive.command == "length" else f"{math.degrees(command):z.2f}°"
             said.append(f"{drive.column} {shown}")
         return ", ".join(said)
 

@@ -209,7 +209,7 @@ def check_lines(found: Checked) -> list[str]:
     x, y, z, tilt = found.worst
     lines.append(
         f"an error of the drives moves the platform by {_times(median)} itself at worst (median of the poses), "
-        f"{_times(most)} at x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f} deg"
+        f"{_times(most)} at x {x:z.0f}, y {y:z.0f}, z {z:z.0f} mm, tilt {tilt:z.1f} deg"
     )
     if found.singular:
         where = "most poses of the workspace are singular" if median > _HELD else "a pose of the workspace is singular"

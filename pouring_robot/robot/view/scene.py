@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
-from pouring_robot.io.figures import decimals
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -145,8 +144,8 @@ def _caption(location: Location) -> tuple[tuple[str, str], ...]:
     return (
         (
             f"error at the {location.loops.working_frame.replace('_', ' ')}, x y z",
-            " ".join(decimals(v, 2, sign=True) for v in translation) + " mm",
+            " ".join(f"{v:+z.2f}" for v in translation) + " mm",
         ),
-        ("its rotation", " ".join(decimals(v, 2, sign=True) for v in rotation) + " mrad"),
+        ("its rotation", " ".join(f"{v:+z.2f}" for v in rotation) + " mrad"),
         ("left open at the joints", f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad"),
     )

@@ -140,8 +140,8 @@ class MovedParts:
         if self.warm is not None:
             girders, trolley = (v.max() for v in (self.warm.girders_degC, self.warm.trolley_degC))
             warm = f"girders up to {girders:.0f} degC, trolley up to {trolley:.0f}; "
-        x, y, z = (f"{value / MM:+.2f}" for value in self.truss.shift_m)
-        rx, ry, _ = (f"{value / MRAD:+.2f}" for value in self.truss.turn_rad)
+        x, y, z = (f"{value / MM:+z.2f}" for value in self.truss.shift_m)
+        rx, ry, _ = (f"{value / MRAD:+z.2f}" for value in self.truss.turn_rad)
         return f"truss: {warm}it moves the fixed platform by {x} {y} {z} mm and turns it by {rx} {ry} mrad"
 
     def figures(self) -> dict[str, Any]:
