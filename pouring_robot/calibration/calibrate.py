@@ -12,9 +12,9 @@ from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_pe
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import usable_without
+from pouring_robot.checks.flags import usable_without, where
 from pouring_robot.effects.nominal_rows import nominal_rows
-from pouring_robot.effects.stack import changes_by_stack
+from pouring_robot.effects.stack import changes_by_stack, rows_untold
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
@@ -99,11 +99,14 @@ def calibrate(
     campaign = seen_from_one_place(campaign, model)
     progress("checking the data", 0, 0)
     flags = tuple(check_campaign(campaign, model.definition.drawing()))
-    left_out = usable_without(campaign, flags)
+    lost = rows_untold(model, campaign)
+    left_out = functools.reduce(np.union1d, lost.values(), usable_without(campaign, flags))
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
+    said = "left out, as effects of the model go by {}, and other rows do not tell what it was: {}"
+    untold += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
     noise = noise_beforehand(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     used, seen = measured.among(parts.train)

@@ -11,6 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
+CAME_FROM = "the side that drives came from"
 _MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
 _ALIKE = 0.1
 """Of a column's range: values no further apart are alike. A cell that is off by as much does to an effect, in one row,
@@ -40,7 +41,7 @@ def rows_without(campaign: Campaign) -> dict[str, Indices]:
     if campaign.metadata.approach == FROM_THE_ROW_BEFORE and campaign.approach is not None:
         unsaid = campaign.usable & np.isnan(campaign.approach).all(axis=1)
         if unsaid.any() and not unsaid.all():
-            found["the side that drives came from"] = np.flatnonzero(unsaid)
+            found[CAME_FROM] = np.flatnonzero(unsaid)
     return found
 
 

@@ -25,10 +25,11 @@ from pouring_robot.effects.conditions import (
     told,
 )
 from pouring_robot.effects.facts import sources
+from pouring_robot.effects.gaps import CAME_FROM, rows_without
 from pouring_robot.effects.nominal_rows import NominalRows
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.model import RobotModel
@@ -140,6 +141,20 @@ def changes_by_stack(
             "add it to the campaign, or take the effect out of the model file",
         ) from problem
     return RowChanges.of(local, structure, len(campaign)), untold
+
+
+def rows_untold(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
+    """Return :func:`rows_without` what the effects of a model go by, by its heading."""
+    if not model.conditional:
+        return {}
+    robot, known = model.definition, all_effects(model.definition)
+    effects = [known[name] for name in model.conditional if name in known]
+    by = {heading for effect in effects for heading in sources((*effect.needs, *effect.shaped_by), robot)}
+    if by.intersection(approach_names(robot)):
+        by.add(CAME_FROM)
+    if any(map(_goes_by_forces, effects)):
+        by.add(LOAD)
+    return {heading: rows for heading, rows in rows_without(campaign).items() if heading in by}
 
 
 def _unsaid(

@@ -82,6 +82,23 @@ def test_effects_of_the_model_are_applied_and_not_fitted_again():
     assert str(problem.value).startswith(f"{campaign.path}: the model's effect")
 
 
+def test_rows_whose_load_nobody_knows_are_left_out_where_the_model_goes_by_it():
+    """Loads drawn anew for each pose: what stands between two tells nothing, and was taken for one."""
+    taught = RobotModel.load(LEARNED)
+    robot, options = robot_of(taught), CalibrationOptions(parameters=("drives",), choose=False)
+    plan, payload = random_plan(robot, 40, 1), np.random.default_rng(1).uniform(0.0, 500.0, 40)
+    standing = robots_under(robot, plan.poses, plan.given(taught.definition) | {"payload_kg": payload})
+    campaign = simulate_campaign(robot, plan, robots=standing).campaign
+    payload[[7, 20]] = np.nan
+    campaign = campaign.with_conditions(payload=payload)
+    found = calibrate(campaign, taught, options)
+    assert found.left_out.tolist() == [7, 20]
+    where = ", ".join(map(str, campaign.lines[[7, 20]]))
+    said = "left out, as effects of the model go by payload_kg, and other rows do not tell what it was: lines"
+    assert found.untold == (f"{said} {where}",)
+    assert not calibrate(campaign, RobotModel(), options).left_out.size
+
+
 @pytest.mark.parametrize("effect", ["base_drift", "metrology_scale", "drive_backlash", "platform_thermal_expansion"])
 def test_rows_with_effects_are_those_of_a_diagnosis(bench, effect):
     """They count in the base, in the device's scale, in drives and in placements."""
