@@ -1,6 +1,7 @@
 """The search of a diagnosis: what is found is put into the robot, which is linearised again until nothing moves."""
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -170,7 +171,7 @@ class Diagnoser:
             for _ in range(_STEPS):  # here, so that the first states are let go, of many rows large
                 state, hypothesis, moved = self._stepped(state, hypothesis)
                 bent = max(bent, moved)
-                if moved < _SETTLED:
+                if not _SETTLED <= moved < math.inf:
                     break
             hypothesis = hypothesis.on(self.problem_at(state))
             hypothesis = search(hypothesis.problem, self.thresholds, hypothesis)
@@ -182,12 +183,12 @@ class Diagnoser:
         """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
         for _ in range(_MOST_STEPS):
             state, hypothesis, moved = self._stepped(state, hypothesis)
-            if moved < _EXACT:
+            if not _EXACT <= moved < math.inf:
                 break
         return state, hypothesis.on(self.problem_at(state))
 
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
-        """Put in what a hypothesis found, and settle it there, all other effects left out; say how far that moved."""
+        """Put in what a hypothesis found, and settle it there, all other effects left out; say how far it was off."""
         state, moved = self._advanced(state, hypothesis)
         found = {key: form for key, form in self.library.forms.items() if key in hypothesis.keys}
         problem = self._problem(state, state.linear, replace(self.library, forms=found))
@@ -277,7 +278,10 @@ class Diagnoser:
         return self.rows.moving(effect, changes, linear, sums_of(linear.row, len(self.rows)))
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
-        """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
+        """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units).
+
+        That is of a whole step, as a square of its share. Where no share of it will do all stays, and it is infinite.
+        """
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]
         parameters = tuple(one.parameter for one in found)
         wanted = np.array([one.value for one in found])
@@ -299,14 +303,14 @@ class Diagnoser:
                 continue
             gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
-            # A step that is off by more than it moves is outside of what the derivatives say, and one that gains less
-            # than half of what it should may lead back and forth: they are asked nearer.
+            # A step that is off by more than half of what it moves is outside of what the derivatives say, and one that
+            # gains less than half of what it should may lead back and forth: they are asked nearer.
             foretold = now + gone
             there = foretold + off
             gains = there @ there <= 0.5 * (now @ now + foretold @ foretold)
             if gains or off @ off <= _TRUST * (gone @ gone) + _EXACT**2 * len(off):
                 return new, rms(off) / share**2
-        return state, 0.0
+        return state, math.inf
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""

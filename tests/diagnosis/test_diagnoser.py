@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pouring_robot.diagnosis.diagnoser import Diagnoser
 from pouring_robot.estimation.intervals import Z95, deviations95
+from pouring_robot.exceptions import DiagnosisError
 
 
 def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(hot):
@@ -55,3 +57,20 @@ def test_what_forms_share_is_known_as_well_as_their_sum(hot):
     for (name, once), (same, both) in zip(*(hot.parameters_of(one) for one in (alone, shared)), strict=True):
         assert (same, both.value) == (name, 2.0 * once.value)
         assert both.std == pytest.approx(2.0 * once.std)
+
+
+def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypatch):
+    """Nothing moves, which is no answer that stays: other causes are to be tried, and the same step is not again."""
+    put_in, refused = Diagnoser._state, []
+
+    def state(self, parameters, *given):
+        if parameters:
+            refused.append(parameters)
+            raise DiagnosisError("no pose closes", "measure others")
+        return put_in(self, parameters, *given)
+
+    monkeypatch.setattr(Diagnoser, "_state", state)
+    found = hot.diagnoser._followed(lambda at: hot.hypothesis.on(hot.diagnoser.problem_at(at)))
+    assert found.bent == np.inf
+    assert found.state.parameters == ()
+    assert len(refused) == 12  # halvings of a step before a search, and at the end
