@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -202,11 +202,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
         return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
     options.say(headline, style="bold")
     if not written:
-        cells = [
-            [f"{value:z.4f}" if isinstance(value, float) else str(value) for value in row]
-            for row in table.to_numpy().tolist()
-        ]
-        print_rows(list(table.columns), cells)
+        print_rows(list(table.columns), [_cells(row) for row in table.to_numpy().tolist()])
     options.print_written(written)
 
 
@@ -224,12 +220,16 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     options.say(found[0].headline if len(found) == 1 else _largest(found), style="bold")
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
-        rows = [[v if isinstance(v, str) else f"{v:z.4f}" for v in one.row().values()] for one in found]
+        rows = [_cells(one.row().values()) for one in found]
         print_rows(head, rows, "drives to command; how far off without and with it")
     options.print_notes([*(under.notes if under else ()), *drive_notes(found)])
     if robot.model.is_drawing and under is None:
         options.print_notes(["the drawing needs no compensation; give --model"])
     options.print_written(written)
+
+
+def _cells(row: Iterable[object]) -> list[str]:
+    return [f"{value:z.4f}" if isinstance(value, float) else str(value) for value in row]
 
 
 def _largest(found: Sequence[DriveCompensation]) -> str:
