@@ -4,11 +4,18 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.metrics import Misfit, ladle_uncertainty, pose_performance, workspace_rows
+from pouring_robot.calibration.metrics import (
+    LadleUncertainty,
+    Misfit,
+    ladle_uncertainty,
+    pose_performance,
+    workspace_rows,
+)
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
@@ -18,7 +25,7 @@ from pouring_robot.effects.stack import changes_by_stack, rows_untold
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
-from pouring_robot.estimation.identifiability import base_parameters
+from pouring_robot.estimation.identifiability import BaseParameters, base_parameters
 from pouring_robot.estimation.map_fit import (
     Fit,
     FitOptions,
@@ -28,14 +35,14 @@ from pouring_robot.estimation.map_fit import (
     seen_from_one_place,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import noise_beforehand, repeats
+from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.splits import BLOCKS, HoldOut, blocks, split
+from pouring_robot.estimation.splits import BLOCKS, HoldOut, Split, blocks, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
@@ -107,77 +114,145 @@ def calibrate(
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
     said = "left out, as effects of the model go by {}, and other rows do not tell what it was: {}"
     untold += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
-    noise = noise_beforehand(campaign, parts.train)
-    measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
-    used, seen = measured.among(parts.train)
-    if noise.from_residuals:
+    task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise_beforehand(campaign, parts.train))
+    if task.noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
-        train = rows[used]
-        prior_std = rows.model.prior_std(tolerances, framed=measured.framed)
-        noise = noise_left_over(train, seen, first_frames(train, seen), prior_std, noise, options.fit)
-        measured, seen = measured.with_noise(noise), seen.with_noise(noise)
+        task = replace(task, noise=task.noise_left_over())
     selection = Selection(candidates, ())
     if options.choose:
-        selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
-    full = MeasuredPoses.from_campaign(campaign, noise)
-    aside = np.setdiff1d(np.arange(len(campaign)), parts.train)
-    in_turn = [*blocks(campaign, "time", aside).values()]
-    if sessions:  # a part of each: without the whole of one nobody would know where it was measured from
-        apart = (np.array_split(own, BLOCKS) for own in blocks(campaign, "session", aside).values())
-        in_turn = [np.concatenate(some) for some in zip(*apart, strict=True)]
-    stretches = tuple(np.flatnonzero(np.isin(used, stretch)) for stretch in in_turn)
-
-    def fitted(groups: Sequence[ParameterGroup]) -> tuple[ModelledRows, Fit, FloatArray]:
-        """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
-        chosen = rows.with_parameters(all_parameters(groups))
-        train = chosen[used]
-        prior_std = chosen.model.prior_std(tolerances, framed=measured.framed)
-        fit = identify(train, seen, first_frames(train, seen), prior_std, replace(options.fit, curvature=True))
-        fit = replace(fit, noise=noise, stretches=stretches)
-        return chosen, fit, full.residual(chosen.predict(fit.unknowns))
-
-    _, _, before = fitted(())
+        selection = select_groups(rows, task.measured, parts, candidates, tolerances, options.fit, progress)
+    present = task.fitted(())
     progress("fitting", 0, 0)
-    chosen, fit, after = fitted(selection.groups)
+    answer = task.fitted(selection.groups)
     progress("judging", 0, 0)
-    refused: Refusal | None = None
-    scores = (row_scores(difference[parts.test], full.sigma) for difference in (before, after))
-    if options.choose and selection.groups and not acceptable(*scores):
-        names = tuple(group.name for group in selection.groups)
-        refused = Refusal(names, Misfit.of(before[parts.test]), Misfit.of(after[parts.test]))
-        selection = replace(selection, groups=())
-        chosen, fit, after = fitted(())
+    refused = task.refusal(selection, present, answer) if options.choose else None
+    if refused:
+        selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
-    start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    shown = -whiten(seen, chosen[used].linearise(start)).derivatives
-    workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
-    own_frames = [parameter.name for parameter in sessions]
-    position, rotation = (instrument[parts.train].known for instrument in measured.instruments[:2])
-    located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
-    known = functools.partial(ladle_uncertainty, located=located, turned=turned)
-    told = fit.unknowns, fit.covariances, fit.interval_freedoms
+    base, rank_anywhere, ladle, ladle_measured = task.told_by(answer)
     return Calibration(
         campaign=campaign,
         present=model,
-        calibrated=chosen.model.amended(fit.unknowns.parameters),
+        calibrated=answer.rows.model.amended(answer.fit.unknowns.parameters),
         flags=flags,
         left_out=left_out,
         split=parts,
-        noise=noise,
+        noise=task.noise,
         candidates=candidates,
         selection=selection,
         refused=refused,
         untold=untold,
-        fit=fit,
-        unknown_units=chosen.model.units,
-        before=before,
-        after=after,
-        base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
-        rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
-        ladle=known(workspace, *told),
-        ladle_measured=known(chosen[used], *told),
-        performance=pose_performance(measured, before, after, alike),
+        fit=answer.fit,
+        unknown_units=answer.rows.model.units,
+        before=present.left,
+        after=answer.left,
+        base=base,
+        rank_anywhere=rank_anywhere,
+        ladle=ladle,
+        ladle_measured=ladle_measured,
+        performance=pose_performance(task.measured, present.left, answer.left, alike),
     )
+
+
+class _Answer(NamedTuple):
+    """What a fit of some groups comes to."""
+
+    rows: ModelledRows  # all rows with these groups
+    fit: Fit
+    left: FloatArray  # measured minus predicted in all rows, (n, K)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A campaign, which of its rows are fitted, and how."""
+
+    campaign: Campaign
+    rows: ModelledRows  # all rows, with all parameters that there are to choose from
+    parts: Split
+    left_out: Indices
+    tolerances: Tolerances
+    options: FitOptions
+    noise: NoiseLevel
+
+    @functools.cached_property
+    def every(self) -> MeasuredPoses:
+        """What was measured in all rows."""
+        return MeasuredPoses.from_campaign(self.campaign, self.noise)
+
+    @functools.cached_property
+    def measured(self) -> MeasuredPoses:
+        """The same without the rows that are left out."""
+        return self.every.without(self.left_out)
+
+    @functools.cached_property
+    def training(self) -> tuple[Indices, MeasuredPoses]:
+        """The rows that are fitted, and what was measured in them."""
+        return self.measured.among(self.parts.train)
+
+    def _begun(self, rows: ModelledRows) -> tuple[ModelledRows, MeasuredPoses, Unknowns, FloatArray]:
+        """Return what a fit begins with: training rows, what was measured in them, unknowns and their priors."""
+        used, seen = self.training
+        train = rows[used]
+        return (
+            train,
+            seen,
+            first_frames(train, seen),
+            rows.model.prior_std(self.tolerances, framed=self.measured.framed),
+        )
+
+    def noise_left_over(self) -> NoiseLevel:
+        """Return the noise with what nobody states of it taken from what a fit of everything leaves over."""
+        return noise_left_over(*self._begun(self.rows), self.noise, self.options)
+
+    def fitted(self, groups: Sequence[ParameterGroup]) -> _Answer:
+        """Fit groups to the training rows."""
+        chosen = self.rows.with_parameters(all_parameters(groups))
+        fit = identify(*self._begun(chosen), replace(self.options, curvature=True))
+        fit = replace(fit, noise=self.noise, stretches=self._stretches)
+        return _Answer(chosen, fit, self.every.residual(chosen.predict(fit.unknowns)))
+
+    @functools.cached_property
+    def _stretches(self) -> tuple[Indices, ...]:
+        """Stretches of time among the training rows, by index in these, which intervals are told without in turn."""
+        aside = np.setdiff1d(np.arange(len(self.campaign)), self.parts.train)
+        stretches = [*blocks(self.campaign, "time", aside).values()]
+        if self.rows.model.sessions:  # a part of each: without the whole of one nobody knows where it was measured from
+            apart = (np.array_split(own, BLOCKS) for own in blocks(self.campaign, "session", aside).values())
+            stretches = [np.concatenate(some) for some in zip(*apart, strict=True)]
+        return tuple(np.flatnonzero(np.isin(self.training[0], stretch)) for stretch in stretches)
+
+    def refusal(self, selection: Selection, present: _Answer, answer: _Answer) -> Refusal | None:
+        """Return why groups that were chosen are not kept; None where the rows held out bear them."""
+        test = self.parts.test
+        scores = (row_scores(one.left[test], self.every.sigma) for one in (present, answer))
+        if not selection.groups or acceptable(*scores):
+            return None
+        names = tuple(group.name for group in selection.groups)
+        return Refusal(names, Misfit.of(present.left[test]), Misfit.of(answer.left[test]))
+
+    def told_by(self, answer: _Answer) -> tuple[BaseParameters, int, LadleUncertainty, LadleUncertainty]:
+        """Return what the training rows tell of the groups, and how well the ladle is known: anywhere, and in them.
+
+        Second is the rank that the first would have if poses all over the workspace were measured besides.
+        """
+        used, seen = self.training
+        model, unknowns = answer.rows.model, answer.fit.unknowns
+        start = unknowns.at(np.zeros_like(unknowns.values))
+        shown = -whiten(seen, answer.rows[used].linearise(start)).derivatives
+        workspace = answer.rows if self.campaign.redundant_drives else workspace_rows(model)
+        as_here = np.broadcast_to(self.measured.known[:, :6].any(axis=0), (len(workspace), 6))
+        added = regressor(workspace.linearise(start), self.measured.sigma[:6], as_here)
+        position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
+        located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
+        known = functools.partial(ladle_uncertainty, located=located, turned=turned)
+        told = unknowns, answer.fit.covariances, answer.fit.interval_freedoms
+        own_frames = [parameter.name for parameter in model.sessions]
+        return (
+            base_parameters(shown, model.names, lead=(*model.names[:FRAMES], *own_frames)),
+            base_parameters(np.vstack([shown, added]), model.names).rank,
+            known(workspace, *told),
+            known(answer.rows[used], *told),
+        )
 
 
 def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:
@@ -194,10 +269,3 @@ def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows
 
     changes, untold = changes_by_stack(model, known, nominal, rows.model.engine.structure, refusal)
     return rows.with_changes(changes.among(used, len(rows))), untold
-
-
-def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:
-    """Return the rank of a campaign's regressor with poses of the workspace added, measured as the campaign was."""
-    known = np.broadcast_to(measured.known[:, :6].any(axis=0), (len(workspace), 6))
-    added = regressor(workspace.linearise(start), measured.sigma[:6], known)
-    return base_parameters(np.vstack([seen, added]), workspace.model.names).rank
