@@ -13,6 +13,7 @@ from pouring_robot.estimation.noise import repeats
 from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
+from pouring_robot.mechanism.arrays import Indices
 
 _FEW_ROWS = 30
 _MOST_LINES = 8
@@ -20,74 +21,115 @@ _MOST_LINES = 8
 
 def note_lines(diagnosis: Conclusions) -> list[str]:
     """Return what limits the answer."""
-    given = diagnosis.rows.conditions
-    lines = list(diagnosis.notes)
-    if len(diagnosis.rows) < _FEW_ROWS:
-        lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
+    said = (diagnosis.refused, diagnosis.suggestion.failed)
+    return [
+        *diagnosis.notes,
+        *_measured_lines(diagnosis),
+        *_repeat_lines(diagnosis),
+        *(line for line in said if line and line != diagnosis.misfit),
+        *_left_out_lines(diagnosis),
+        *_beside_lines(diagnosis),
+        *_elsewhere_lines(diagnosis),
+        *_data_lines(diagnosis),
+    ]
+
+
+def _measured_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield what was not measured."""
+    rows, given = len(diagnosis.rows), diagnosis.rows.conditions
+    if rows < _FEW_ROWS:
+        yield f"only {rows} rows: take what is named as a hint, and measure {_FEW_ROWS} or more"
     if not diagnosis.rows.measured.framed:
-        lines.append(
+        yield (
             "nothing was measured from outside: closures tell the shape of the robot, not where it stands, and all "
             "lengths only in proportion; what is held as drawn (places, zeros or leads) decides the rest"
         )
     if given.filled:
-        lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
+        yield f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}"
     if not given.time_known:
-        lines.append("there is no time: the order of the rows stands for it")
-    if "repeats" in (diagnosis.noise[kind].source for kind in KINDS):
-        lines.append(
-            "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
-            "to the next counts as noise"
+        yield "there is no time: the order of the rows stands for it"
+
+
+def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield what a noise that repeats tell counts as noise, and what not."""
+    if "repeats" not in (diagnosis.noise[kind].source for kind in KINDS):
+        return
+    yield (
+        "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat to "
+        "the next counts as noise"
+    )
+    groups = repeats(diagnosis.campaign, np.flatnonzero(diagnosis.campaign.usable))
+    if all((np.diff(rows) == 1).all() for rows in groups):
+        yield (
+            "all repeats follow each other: if the robot stood still in between, how well it comes back to a pose is "
+            "not in that noise, and passes for an effect; then state a noise that holds it"
         )
-        groups = repeats(diagnosis.campaign, np.flatnonzero(diagnosis.campaign.usable))
-        if all((np.diff(rows) == 1).all() for rows in groups):
-            lines.append(
-                "all repeats follow each other: if the robot stood still in between, how well it comes back to a pose "
-                "is not in that noise, and passes for an effect; then state a noise that holds it"
-            )
-    lines += [line for line in (diagnosis.refused, diagnosis.suggestion.failed) if line and line != diagnosis.misfit]
+
+
+def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield which rows took no part, what no other rows tell, and what is not drawn."""
+
+    def these(rows: Indices) -> str:
+        return where(diagnosis.campaign, rows, _MOST_LINES)
+
     besides = (FlagCode.REPEATED_ROWS, FlagCode.UNREACHABLE_DRIVES)  # their flag says what they are
     others = [row for flag in diagnosis.flags if flag.code in besides for row in flag.rows]
     wrong = np.setdiff1d(diagnosis.left_out, others)
     if wrong.size:
-        lines.append(f"left out as gross errors: {where(diagnosis.campaign, wrong, _MOST_LINES)}")
+        yield f"left out as gross errors: {these(wrong)}"
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.left_out)
     if unusable.size:
-        lines.append(f"without a command or a measurement: {where(diagnosis.campaign, unusable, _MOST_LINES)}")
+        yield f"without a command or a measurement: {these(unusable)}"
     for heading, rows in rows_without(diagnosis.campaign).items():
         said = f"left out, as {heading} is not known and other rows do not tell it (without that column they count)"
-        lines.append(f"{said}: {where(diagnosis.campaign, rows, _MOST_LINES)}")
-    effects, named = diagnosis.diagnoser.library.effects, (found.cause.effect for found in diagnosis.effects)
-    by_session = [effect for effect in named if effects[effect].driver == "session"]
-    if by_session and not np.isin(given.session[~diagnosis.fitted], given.session[diagnosis.fitted]).all():
-        lines.append(
+        yield f"{said}: {these(rows)}"
+    effects, session = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions.session
+    by_session = [e.cause.effect for e in diagnosis.effects if effects[e.cause.effect].driver == "session"]
+    if by_session and not np.isin(session[~diagnosis.fitted], session[diagnosis.fitted]).all():
+        yield (
             f"what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out, no other session "
             "tells; with --hold-out region the held-out rows say how much of the gap it makes"
         )
     if diagnosis.model.robot is not None:
-        lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
+        yield "no ladles.html: measured ladles are drawn of the pouring robot only"
+
+
+def _beside_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield what else is fitted, or would explain something."""
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
-        lines.append(f"beside it all joints are off as workmanship leaves them, {workmanship}")
-    lines += [*_minor_lines(diagnosis), *_soft_lines(diagnosis), *_alike_lines(diagnosis)]
+        yield f"beside it all joints are off as workmanship leaves them, {workmanship}"
+    yield from _minor_lines(diagnosis)
+    yield from _soft_lines(diagnosis)
+    yield from _alike_lines(diagnosis)
     refused = impossible_effects(diagnosis.hypothesis, diagnosis.judgement.thresholds)
     if refused:
-        lines.append(
+        yield (
             f"{', '.join(refused)} would explain something, but only with values that nature does not allow: check the "
             "signs of what drives it (directions of gravity and of drives, temperatures, loads)"
         )
+
+
+def _elsewhere_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield what other commands can make of the amended model."""
+    effects, timed = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions.time_known
     stays = diagnosis.rows.not_told_by_commands(diagnosis.amended)
-    ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not given.time_known]
+    ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not timed]
     if ordered:
-        lines.append(
+        yield (
             f"without times nobody knows what {', '.join(ordered)} does beyond these rows: take it out of model.yaml "
             "before another command uses that"
         )
     stays = tuple(effect for effect in stays if effect not in ordered)
     if stays:
-        lines.append(
+        yield (
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
             "of model.yaml under what --condition or columns beside their poses say"
         )
+
+
+def _data_lines(diagnosis: Conclusions) -> Iterator[str]:
+    """Yield what the checks of the data found, and nothing else says."""
     told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
     by = {item.process.by for item in diagnosis.judgement.remainder}
     if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
@@ -97,8 +139,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
     always = (FlagCode.MEASUREMENT_JUMP, FlagCode.UNREACHABLE_DRIVES)
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code in always]
-    lines += [f"data: {flag.message}" for flag in weighty if flag.code not in told]
-    return lines
+    yield from (f"data: {flag.message}" for flag in weighty if flag.code not in told)
 
 
 def workmanship_text(diagnosis: Conclusions) -> str:
