@@ -17,6 +17,7 @@ from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.stated_noise import check_noise
+from pouring_robot.checks.thermometers import check_thermometers
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.given import expect
@@ -46,6 +47,7 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     campaign = without_copies(campaign)
     frames = FrameChecks(campaign, drawing)
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
+    found += check_thermometers(campaign)
     if frames.fit is not None:
         found += check_rows(campaign, drawing, frames.data, frames.fit)
         if not any(flag.severity is Severity.ERROR for flag in found):  # an error scatters the rows by itself

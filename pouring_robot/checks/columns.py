@@ -1,4 +1,4 @@
-"""Checks that need no drawing: name of the robot, copies, stuck and jumping columns, approach, time, noise, counts."""
+"""Checks that need no drawing: name of the robot, copies, stuck columns, approach, time, noise, counts."""
 
 import functools
 from collections.abc import Iterator, Sequence
@@ -8,17 +8,16 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, where
+from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, stuck, where
+from pouring_robot.checks.thermometers import readings
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
 from pouring_robot.exceptions import some
 from pouring_robot.io.units import UNITS
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, robust_sigma
+from pouring_robot.mechanism.arrays import FloatArray, Indices, runs
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
-_LONGEST_TEMPERATURE_RUN = 10
-_TEMPERATURE_SPIKE_K = 25.0
 _NAMED = 8
 _ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
@@ -40,13 +39,10 @@ def check_columns(campaign: Campaign, held: Sequence[Indices] = ()) -> Iterator[
         _no_lengths,
         functools.partial(_stuck_measurements, held=held),
         _stuck_drives,
-        _stuck_temperatures,
-        _temperature_jumps,
         _approach,
         _time,
         _sessions,
         _noise_level,
-        _temperatures,
         _ignored,
     ):
         yield from check(campaign)
@@ -161,9 +157,9 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
         if held and name in columns.POSITION:
             continue
         plane = alone and np.nanmax(values) == np.nanmin(values)
-        for rows in _runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
+        for rows in runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
             severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
-            yield _stuck(campaign, name, values[rows[0]], rows, severity, remedy)
+            yield stuck(campaign, name, values[rows[0]], rows, severity, remedy)
 
 
 def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
@@ -172,51 +168,7 @@ def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
         return
     for index, name in enumerate(columns.drive_names(campaign.robot)):
         if np.ptp(drives[:, index]) == 0.0:
-            yield _stuck(campaign, name, drives[0, index], np.flatnonzero(campaign.usable), Severity.WARNING)
-
-
-def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a sensor on the robot that stands still while most of its neighbours change."""
-    names = [name for name in _readings(campaign) if name != columns.AMBIENT]
-    changes = {name: np.diff(campaign.conditions[name]) != 0.0 for name in names}
-    for name in names:
-        others = [changes[other] for other in names if other != name]
-        if others:
-            for rows in _runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_TEMPERATURE_RUN):
-                yield _stuck(campaign, name, campaign.conditions[name][rows[0]], rows, Severity.WARNING)
-
-
-def _readings(campaign: Campaign) -> tuple[str, ...]:
-    """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
-    given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
-    return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
-
-
-def _stuck(
-    campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity, remedy: str = ""
-) -> DataFlag:
-    lines = campaign.lines[rows[[0, -1]]]
-    message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
-    if name in columns.drive_names(campaign.robot):
-        remedy = "if the drive really stood still its errors cannot be found; else mend the column"
-    else:
-        message += " while the rest of the row changes"
-    metrics = {"rows": float(rows.size), "value": float(value)}
-    return found(campaign, FlagCode.STUCK_COLUMN, message, rows, [name], metrics, severity=severity, remedy=remedy)
-
-
-def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
-    for name in _readings(campaign) if len(campaign) >= 5 else ():
-        values = campaign.conditions[name]
-        before, now, after = values[:-2], values[1:-1], values[2:]
-        aside = now - 0.5 * (before + after)
-        limit = np.fmax(_TEMPERATURE_SPIKE_K, 10.0 * robust_sigma(aside)) + 2.0 * np.abs(after - before)
-        rows = 1 + np.flatnonzero(np.abs(aside) > limit)
-        if rows.size:
-            largest, heading = float(np.abs(aside[rows - 1]).max()), campaign.heading(name)
-            message = f"column '{heading}' jumps by up to {largest:.0f} K and back at {where(campaign, rows)}"
-            yield found(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
+            yield stuck(campaign, name, drives[0, index], np.flatnonzero(campaign.usable), Severity.WARNING)
 
 
 def _approach(campaign: Campaign) -> Iterator[DataFlag]:
@@ -269,7 +221,7 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _roughness(campaign: Campaign, order: Indices | slice) -> float:
     """Return how far temperatures move from row to row in an order, in K."""
-    columns_ = [campaign.conditions[name][order] for name in _readings(campaign)]
+    columns_ = [campaign.conditions[name][order] for name in readings(campaign)]
     return float(sum(np.nansum(np.abs(np.diff(values[np.isfinite(values)]))) for values in columns_))
 
 
@@ -287,11 +239,6 @@ def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
     if missing:
         message = f"the YAML file states no noise level: metrology.{' and '.join(missing)}"
         yield found(campaign, FlagCode.NO_NOISE_LEVEL, message)
-
-
-def _temperatures(campaign: Campaign) -> Iterator[DataFlag]:
-    if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
-        yield found(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
 
 
 def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
@@ -315,11 +262,3 @@ def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _headings(names: Sequence[str]) -> str:
     return f"column{'s' * (len(names) > 1)} {some([repr(name) for name in names], _NAMED)}"
-
-
-def _runs(same: BoolArray, longest: int) -> Iterator[Indices]:
-    """Yield the rows of every run of ``longest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    for start, end in edges.reshape(-1, 2):
-        if end - start + 1 >= longest:
-            yield np.arange(start, end + 1)

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import CampaignError, some
 from pouring_robot.mechanism.arrays import Indices
@@ -233,6 +234,18 @@ def found(
     headings = tuple(campaign.heading(name) for name in quantities)
     indices = tuple(int(row) for row in rows)
     return DataFlag(code, severity or code.severity, message, remedy or code.remedy, indices, headings, metrics or {})
+
+
+def stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity, remedy: str = "") -> DataFlag:
+    """Return the finding that a column keeps one value in rows that follow each other."""
+    lines = campaign.lines[rows[[0, -1]]]
+    message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
+    if name in columns.drive_names(campaign.robot):
+        remedy = "if the drive really stood still its errors cannot be found; else mend the column"
+    else:
+        message += " while the rest of the row changes"
+    metrics = {"rows": float(rows.size), "value": float(value)}
+    return found(campaign, FlagCode.STUCK_COLUMN, message, rows, [name], metrics, severity=severity, remedy=remedy)
 
 
 def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:

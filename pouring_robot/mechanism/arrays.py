@@ -1,7 +1,7 @@
-"""Arrays that must not change under their reader's hands, grids, even choices of rows, RMS and robust deviation."""
+"""Arrays that must not change under their reader's hands, grids, runs and choices of rows, RMS, robust deviation."""
 
 import copyreg
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -28,6 +28,14 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
     The first is among them, and the last where there are two.
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
+
+def runs(same: BoolArray, longest: int) -> Iterator[Indices]:
+    """Yield the rows of every run of ``longest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    for start, end in edges.reshape(-1, 2):
+        if end - start + 1 >= longest:
+            yield np.arange(start, end + 1)
 
 
 def grid(*axes: ArrayLike) -> FloatArray:

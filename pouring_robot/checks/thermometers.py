@@ -1,0 +1,150 @@
+"""Checks of temperatures: sensors that hung, jumped or came off, columns exchanged or in another unit.
+
+No hall is hotter than :data:`HOTTEST_HALL_DEGC`, and cold parts have its temperature.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pouring_robot.campaign import columns
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.conditions import known, wrong_unit
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, stuck, where
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.mechanism.arrays import FloatArray, robust_sigma, runs
+
+HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
+_LONGEST_RUN = 10
+_SPIKE_K = 25.0
+_COLD_K = 10.0  # so near the hall's temperature a part is cold
+_ALIKE_K = 5.0  # cold parts differ by less
+_APART_K = 30.0  # so far from the hall no part is that is as cold as the others
+_FEWEST_COLD = 3
+_NEARLY_ALL = 0.9
+_MOVING_K = 5.0  # a thermometer that spreads by more follows something
+_MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
+    ("kelvin", lambda values: values + ABSOLUTE_ZERO_DEGC),
+    ("degrees Fahrenheit", lambda values: (values - 32.0) / 1.8),
+)
+
+
+def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
+    """Yield what is wrong with the temperatures."""
+    yield from _none(campaign)
+    yield from _stuck_temperatures(campaign)
+    yield from _jumps(campaign)
+    yield from _still_thermometers(campaign)
+    exchanged = list(_exchanged_with_the_hall(campaign))
+    yield from exchanged or _units(campaign)
+
+
+def _none(campaign: Campaign) -> Iterator[DataFlag]:
+    if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
+        yield found(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
+
+
+def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find a sensor on the robot that stands still while most of its neighbours change."""
+    names = [name for name in readings(campaign) if name != columns.AMBIENT]
+    changes = {name: np.diff(campaign.conditions[name]) != 0.0 for name in names}
+    for name in names:
+        others = [changes[other] for other in names if other != name]
+        if others:
+            for rows in runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_RUN):
+                yield stuck(campaign, name, campaign.conditions[name][rows[0]], rows, Severity.WARNING)
+
+
+def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
+    for name in readings(campaign) if len(campaign) >= 5 else ():
+        values = campaign.conditions[name]
+        before, now, after = values[:-2], values[1:-1], values[2:]
+        aside = now - 0.5 * (before + after)
+        limit = np.fmax(_SPIKE_K, 10.0 * robust_sigma(aside)) + 2.0 * np.abs(after - before)
+        rows = 1 + np.flatnonzero(np.abs(aside) > limit)
+        if rows.size:
+            largest, heading = float(np.abs(aside[rows - 1]).max()), campaign.heading(name)
+            message = f"column '{heading}' jumps by up to {largest:.0f} K and back at {where(campaign, rows)}"
+            yield found(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
+
+
+def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find a sensor that never moves in the whole campaign while others do, and that is none of a source kept hot."""
+    names = _parts(campaign)
+    spread = {name: float(np.ptp(known(campaign, name))) for name in names}
+    # Of those that flicker from row to row one knows that they were read, and finely.
+    lively = [n for n in names if spread[n] > _MOVING_K and np.mean(np.diff(known(campaign, n)) != 0.0) > 0.5]
+    for name in (name for name in names if spread[name] == 0.0 and len(lively) >= 2):
+        value = float(known(campaign, name)[0])
+        others = np.concatenate([known(campaign, other) for other in lively])
+        if others.min() < value < others.max():
+            message = (
+                f"column '{campaign.heading(name)}' is {value:g} in every row, while {len(lively)} other "
+                f"temperatures move by up to {max(spread.values()):.0f} K"
+            )
+            yield found(campaign, FlagCode.STUCK_COLUMN, message, (), [name], {"value": value})
+
+
+def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
+    hall = campaign.conditions.get(columns.AMBIENT)
+    if hall is None or np.nanmax(hall) <= HOTTEST_HALL_DEGC:
+        return
+    for name in _parts(campaign):
+        values = campaign.conditions[name]
+        both = np.isfinite(values) & np.isfinite(hall)
+        mild = values[both].size and COLDEST_HALL_DEGC < values[both].min() < values[both].max() < HOTTEST_HALL_DEGC
+        if mild and np.mean(values[both] < hall[both] - _ALIKE_K) > 0.5 and np.ptp(hall[both]) > np.ptp(values[both]):
+            headings = " and ".join(f"'{campaign.heading(column)}'" for column in (columns.AMBIENT, name))
+            message = (
+                f"columns {headings} seem to be exchanged: the hall would come to {np.nanmax(hall):.0f} °C, and the "
+                f"part stay at {values[both].max():.0f} °C"
+            )
+            yield found(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, name))
+            return
+
+
+def _units(campaign: Campaign) -> Iterator[DataFlag]:
+    hall, parts = campaign.conditions.get(columns.AMBIENT), _parts(campaign)
+    if hall is None:
+        # Several parts are not hot and alike by chance; where none is made hot, neither is a single one.
+        if len(parts) > bool(campaign.robot.expected_thermometers):
+            coldest = [float(known(campaign, name).min()) for name in parts]
+            low, high = min(coldest), max(coldest)
+            halls = low + ABSOLUTE_ZERO_DEGC > COLDEST_HALL_DEGC and high + ABSOLUTE_ZERO_DEGC < HOTTEST_HALL_DEGC
+            if halls and high - low < _COLD_K:
+                said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
+                yield wrong_unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
+        return
+    middle = float(np.nanmedian(hall))
+    for scale, degC in _MISTAKES:
+        if middle > HOTTEST_HALL_DEGC and COLDEST_HALL_DEGC < float(degC(np.array(middle))) < HOTTEST_HALL_DEGC:
+            said = f"{scale} under a heading in °C, as other temperatures may: the hall would be at {middle:.0f} °C"
+            yield wrong_unit(campaign, columns.AMBIENT, said, {"median_degC": middle})
+            return
+    if len(parts) < 3:  # which are cold, two others must say
+        return
+    for name in parts:
+        others = [campaign.conditions[other] - hall for other in parts if other != name]
+        cold = np.median(np.abs(others), axis=0) < _COLD_K
+        values, apart = campaign.conditions[name][cold], np.array(others)[:, cold]
+        for scale, degC in _MISTAKES:
+            # Converted, it must be as cold as the others are, not only near the hall: a part may warm up alone.
+            warmth = degC(values) - hall[cold]
+            least, most = apart.min(axis=0, initial=0.0), apart.max(axis=0, initial=0.0)
+            alike = (warmth > least - _ALIKE_K) & (warmth < most + _ALIKE_K)
+            alike &= np.abs(values - hall[cold]) > _APART_K
+            if alike.size >= _FEWEST_COLD and alike.mean() > _NEARLY_ALL and np.ptp(values) > 0.0:
+                said = f"{scale} under a heading in °C: it is at {np.median(values):.0f} °C where the others are cold"
+                yield wrong_unit(campaign, name, said, {"median_degC": float(np.median(values))}, Severity.WARNING)
+
+
+def readings(campaign: Campaign) -> tuple[str, ...]:
+    """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
+    given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
+    return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
+
+
+def _parts(campaign: Campaign) -> tuple[str, ...]:
+    """Return the thermometers on the robot that were read, moved or not."""
+    return tuple(name for name in campaign.robot.thermometers if name in campaign.conditions)
