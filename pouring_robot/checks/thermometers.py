@@ -12,7 +12,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.conditions import known, wrong_unit
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, stuck, where
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
-from pouring_robot.mechanism.arrays import FloatArray, robust_sigma, runs
+from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma, runs
 
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
 _LONGEST_RUN = 10
@@ -34,6 +34,7 @@ def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
     yield from _none(campaign)
     yield from _stuck_temperatures(campaign)
     yield from _jumps(campaign)
+    yield from _in_the_air(campaign)
     yield from _still_thermometers(campaign)
     exchanged = list(_exchanged_with_the_hall(campaign))
     yield from exchanged or _units(campaign)
@@ -67,6 +68,47 @@ def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
             largest, heading = float(np.abs(aside[rows - 1]).max()), campaign.heading(name)
             message = f"column '{heading}' jumps by up to {largest:.0f} K and back at {where(campaign, rows)}"
             yield found(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
+
+
+def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find a sensor on the robot that is at once as cold as the hall and stays so: it came off, or was not on yet.
+
+    No part cools so while most others keep their warmth: their time constants do not differ as much. What a source of
+    heat is at is left alone, as its ladle may be lifted off.
+    """
+    hall, causes = campaign.conditions.get(columns.AMBIENT), campaign.robot.causes
+    kinds = causes.thermometers if causes else ()
+    sources = {name for kind in kinds if kind.hot_degC is not None for name in kind.members}
+    parts = [name for name in readings(campaign) if name not in (columns.AMBIENT, *sources)]
+    if hall is None or len(parts) < 3:  # that others are warm, two must say
+        return
+    warmth = {name: campaign.conditions[name] - hall for name in parts}
+    for name, own in warmth.items():
+        others = np.array([warmth[other] for other in parts if other != name])
+        for session in campaign.rows_by_session().values():
+            rows = session[np.isfinite(own[session])]
+            for cold, step in _cold_at_once(own[rows], others[:, rows]):
+                message = (
+                    f"column '{campaign.heading(name)}' steps by {step:.0f} K beside {where(campaign, rows[cold])}, "
+                    f"where it is as cold as the hall, while the other parts stay warm"
+                )
+                yield found(campaign, FlagCode.COLUMN_JUMP, message, rows[cold], [name], {"largest_K": step})
+
+
+def _cold_at_once(own: FloatArray, others: FloatArray) -> Iterator[tuple[Indices, float]]:
+    """Yield runs of rows that are cold all at once, and by how much, given warmth of a part (n,) and of others (k, n).
+
+    Both are in K above the hall.
+    """
+    cold, limit = np.abs(own) < _COLD_K, np.fmax(_SPIKE_K, 10.0 * robust_sigma(np.diff(own)))
+    for run in runs(cold[:-1] & cold[1:], 2):
+        ends = ((run[0], run[0] - 1), (run[-1], run[-1] + 1))
+        for inside, outside in (end for end in ends if 0 <= end[1] < own.size):
+            kept = others[:, inside] > np.maximum(_COLD_K, _NEARLY_ALL * others[:, outside])
+            step = float(own[outside] - own[inside])
+            if step > limit and np.mean(kept) > 0.5:
+                yield run, step
+                break
 
 
 def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:

@@ -1,0 +1,60 @@
+"""A thermometer that came off, hung or was hardly read is told, and a machine that cools or warms is not accused."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.checks.thermometers import check_thermometers
+
+PARTS = ("leg1", "leg2", "leg3", "leg4", "platform")
+HALL = 20.0
+
+
+@pytest.fixture
+def campaign(clean):
+    """Sixty rows on a machine that stands 60 K and more above the hall."""
+    random, count = np.random.default_rng(0), len(clean.campaign)
+    read = {name: 80.0 + 10.0 * k + random.normal(0.0, 0.3, count) for k, name in enumerate(PARTS)}
+    return clean.campaign.with_conditions(ambient=HALL + random.normal(0.0, 0.1, count), **read)
+
+
+def told(campaign):
+    return [(str(flag.code), flag.rows) for flag in check_thermometers(campaign)]
+
+
+def in_the_air(campaign, name, rows):
+    values = np.array(campaign.conditions[name])
+    values[rows] = HALL + np.random.default_rng(1).normal(0.0, 0.3, values.size)[rows]
+    return campaign.with_conditions(**{name: values})
+
+
+@pytest.mark.parametrize("first, last", [(40, 60), (0, 20), (30, 33)])
+@pytest.mark.parametrize("name", ["leg2", "platform"])
+def test_a_sensor_that_lies_in_the_air_is_told_with_its_rows(campaign, name, first, last):
+    """It came off, or was put on late, or both; one that is the hottest, too."""
+    broken = in_the_air(campaign, name, slice(first, last))
+    assert told(broken) == [("column_jump", tuple(range(first, last)))]
+    lost = np.array(broken.conditions[name])
+    lost[[max(first - 1, 0), last - 1]] = np.nan  # blank cells beside it do not hide it
+    rows = tuple(row for row in range(first, last) if np.isfinite(lost[row]))
+    assert told(broken.with_conditions(**{name: lost})) == [("column_jump", rows)]
+
+
+def test_two_of_five_that_came_off_at_once_are_both_told(campaign):
+    both = in_the_air(in_the_air(campaign, "leg2", slice(40, None)), "leg3", slice(40, None))
+    assert told(both) == [("column_jump", tuple(range(40, 60)))] * 2
+
+
+def test_a_machine_that_cools_is_not_accused(campaign):
+    assert told(campaign) == []
+    read = {name: np.array(campaign.conditions[name]) for name in PARTS}
+    # A night between two rows: slender parts are cold, thick ones still warm.
+    for name, left in zip(PARTS, (0.02, 0.02, 0.4, 0.4, 0.5), strict=True):
+        read[name][30:] = HALL + left * (read[name][30:] - HALL)
+    assert told(campaign.with_conditions(**read)) == []
+    # The ladle is lifted off: the sensor of the melt hangs in the air, and nothing else has changed.
+    melt = 1500.0 + np.random.default_rng(2).normal(0.0, 3.0, len(campaign))
+    assert told(in_the_air(campaign.with_conditions(melt=melt), "melt", slice(30, None))) == []
+    # One part alone was heated, in a pause.
+    cold = {name: HALL + (read[name] - read[name].mean()) * 0.01 for name in PARTS}
+    cold["leg2"][30:] += 60.0
+    assert told(campaign.with_conditions(**cold)) == []
