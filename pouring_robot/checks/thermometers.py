@@ -117,12 +117,13 @@ def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
     spread = {name: float(np.ptp(known(campaign, name))) for name in names}
     # Of those that flicker from row to row one knows that they were read, and finely.
     lively = [n for n in names if spread[n] > _MOVING_K and np.mean(np.diff(known(campaign, n)) != 0.0) > 0.5]
-    for name in (name for name in names if spread[name] == 0.0 and len(lively) >= 2):
+    still = [name for name in names if spread[name] == 0.0 and 2 * known(campaign, name).size > len(campaign)]
+    for name in still if len(lively) >= 2 else ():
         value = float(known(campaign, name)[0])
         others = np.concatenate([known(campaign, other) for other in lively])
         if others.min() < value < others.max():
             message = (
-                f"column '{campaign.heading(name)}' is {value:g} in every row, while {len(lively)} other "
+                f"column '{campaign.heading(name)}' is {value:g} wherever it was read, while {len(lively)} other "
                 f"temperatures move by up to {max(spread.values()):.0f} K"
             )
             yield found(campaign, FlagCode.STUCK_COLUMN, message, (), [name], {"value": value})

@@ -58,3 +58,13 @@ def test_a_machine_that_cools_is_not_accused(campaign):
     cold = {name: HALL + (read[name] - read[name].mean()) * 0.01 for name in PARTS}
     cold["leg2"][30:] += 60.0
     assert told(campaign.with_conditions(**cold)) == []
+
+
+@pytest.mark.parametrize("every, hung", [(60, False), (2, False), (1, True)])
+def test_a_sensor_that_was_hardly_read_did_not_hang(campaign, every, hung):
+    """Where it was read in half of the rows or fewer, nobody knows what it would have shown."""
+    warming = {name: campaign.conditions[name] + np.linspace(0.0, 20.0, 60) for name in PARTS}
+    one = np.where(np.arange(60) % every == 0, 95.0, np.nan)
+    flags = list(check_thermometers(campaign.with_conditions(**warming | {"leg1": one})))
+    assert [str(flag.code) for flag in flags] == ["stuck_column"] * hung
+    assert all("is 95 wherever it was read, while 4 other" in flag.message for flag in flags)
