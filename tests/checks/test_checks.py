@@ -95,6 +95,7 @@ def mounted_anew(campaign):
 DAMAGES = {
     "condition_unit": [
         changed("truss_travel", lambda v: v * 1e3),
+        changed("truss_travel", lambda v: np.linspace(0.0, 7500.0, len(v))),  # a longer rail than the drawing's
         changed("payload", lambda v: v / 1e3),
         changed("payload", lambda v: np.minimum(v * 1e3, 1e4)),  # as far as a file may say
         changed("time", lambda v: v / 60.0),
@@ -107,6 +108,7 @@ DAMAGES = {
     "impossible_condition": [
         changed("payload", lambda v: np.where(np.arange(len(v)) == 7, 9999.0, v)),
         changed("truss_travel", lambda v: np.where(np.arange(len(v)) == 7, -9999.0, v)),
+        changed("truss_travel", lambda v: np.linspace(2e5, 9e5, len(v))),  # in no unit
         lambda c: damaged(c, force=np.where(np.arange(len(c)) == 7, 1e9, 500.0)[:, None].repeat(4, axis=1)),
     ],
     "conditions_exchanged": [lambda c: damaged(c, leg2=c.conditions["ambient"], ambient=c.conditions["leg2"])],
