@@ -214,7 +214,7 @@ class UnreachablePoseError(NoSolutionError):
         # Two digits of what is beyond, and as many decimals of what it is the difference of.
         small = 0.0 < self.excess * factor < 0.1
         digits = 1 - math.floor(math.log10(self.excess * factor)) if small else 2
-        at, beyond, least, most = (f"{number * factor:.{digits}f}" for number in (value, self.excess, lower, upper))
+        at, beyond, least, most = (f"{number * factor:z.{digits}f}" for number in (value, self.excess, lower, upper))
         super().__init__(
             f"the pose is out of reach: joint '{joint}' would stand at {at} {shown}, "
             f"{beyond} {shown} beyond its limits {least} to {most} {shown}"

@@ -69,7 +69,7 @@ def _parameters(calibration: CalibrationFindings) -> str:
     half = np.array([line.half_width for line in order]) / prior
     axes.barh(place, 2 * np.full(len(order), Z95), left=-Z95, color=GREY, alpha=0.2, label="95 % by tolerance")
     axes.errorbar(value, place, xerr=half, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
-    axes.set_yticks(place, [f"{line.name}  {line.value:+.3f} {line.unit}" for line in order], fontsize=7)
+    axes.set_yticks(place, [f"{line.name}  {line.value:+z.3f} {line.unit}" for line in order], fontsize=7)
     axes.set_ylim(len(order) - 0.5, -0.5)
     axes.axvline(0.0, color="black", linewidth=0.6)
     axes.set_xlabel("in standard deviations of the tolerance")
@@ -105,8 +105,8 @@ def _ladle(calibration: CalibrationFindings) -> str:
         across = np.arange(half.size) if ladle.tilt_rad is None else np.degrees(ladle.tilt_rad)
         dots = right.scatter(across, half, s=8, color=AFTER)
         at = zip(ladle.position_m / MM, half, strict=True)
-        tell(dots, [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm: ± {h:.4f} mm" for (x, y, z), h in at])
-        tell(shown, [f"x {x:.0f}, z {z:.0f} mm: ± {w:.4f} mm" for (x, z), w in zip(places / MM, worst, strict=True)])
+        tell(dots, [f"x {x:z.0f}, y {y:z.0f}, z {z:z.0f} mm: ± {h:.4f} mm" for (x, y, z), h in at])
+        tell(shown, [f"x {x:z.0f}, z {z:z.0f} mm: ± {w:.4f} mm" for (x, z), w in zip(places / MM, worst, strict=True)])
     left.set(xlabel="x [mm]", ylabel="z [mm]")
     right.set(xlabel="pose" if ladle.tilt_rad is None else "tilt [°]", ylabel="± mm")
     for axes in (left, right):

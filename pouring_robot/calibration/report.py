@@ -71,7 +71,7 @@ def effect_table(calibration: CalibrationFindings) -> Table:
 
 
 def _movement(line: Movement) -> Row:
-    return f"{line.value:+.4f}", f"{line.half_width:.4f}", line.unit, f"{line.prior_std:.3g}"
+    return f"{line.value:+z.4f}", f"{line.half_width:.4f}", line.unit, f"{line.prior_std:.3g}"
 
 
 _MOVEMENT = ("off by", "± 95 %", "unit", "tolerance (1σ)")
@@ -100,7 +100,7 @@ def selection_table(calibration: CalibrationFindings) -> Table:
             " + ".join(step.kept) or "frames only",
             step.tried or "–",
             f"{step.rms:.3f}",
-            f"{step.gain:+.4f}",
+            f"{step.gain:+z.4f}",
             f"{step.gain_error:.4f}",
             "kept" if step.accepted and step.tried else "",
         )

@@ -311,9 +311,9 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     ladle = _ladle(calibration)
     if ladle["poses"]:
         pose = ladle["worst_pose"]
-        tilt = f", tilt {pose['tilt_deg']:.0f}°" if "tilt_deg" in pose else ""
+        tilt = f", tilt {pose['tilt_deg']:z.0f}°" if "tilt_deg" in pose else ""
         found.append(
-            f"{tool} is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm{tilt}: "
+            f"{tool} is known least at x {pose['x_mm']:z.0f}, y {pose['y_mm']:z.0f}, z {pose['z_mm']:z.0f} mm{tilt}: "
             f"measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
         )
     if calibration.performance is None:

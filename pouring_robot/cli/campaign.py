@@ -160,7 +160,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
     for name, values in figures["ranges"].items():
         if not name.startswith("approach"):
             digits = 4 if values["unit"] == "rad" else 2
-            ends = (f"{values[end]:.{digits}f}" for end in ("least", "largest"))
+            ends = (f"{values[end]:z.{digits}f}" for end in ("least", "largest"))
             rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
     print_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1))
     for line in _lines(figures):

@@ -54,7 +54,7 @@ class Remainder:
             f"{self.component} ({rms(self.missed[:, self.worst]) / scale:.3f} {unit} rms)"
         )
         if self.step_after is not None:
-            text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"
+            text += f"; it is a step of {self.step / scale:+z.2f} {unit} after line {self.step_after}"
         return text
 
     def figures(self) -> dict[str, Any]:

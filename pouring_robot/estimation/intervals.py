@@ -70,4 +70,4 @@ def value_and_half_width(value: float, std: float, freedoms: float) -> tuple[str
     half = deviations95(freedoms) * std
     digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
     digits = min(max(digits, 0), 6)
-    return f"{value:+.{digits}f}", f"{half:.{digits}f}"
+    return f"{value:+z.{digits}f}", f"{half:.{digits}f}"

@@ -261,7 +261,7 @@ def _shape(along: FloatArray) -> str:
         return "even"
     place, share, times = peak(along)
     if times > _PILED and share > 0.5:
-        return f"piled at {place / MM:+.3f} mm"
+        return f"piled at {place / MM:+z.3f} mm"
     return "near its upper end" if median_place(along) > 0.75 else "uneven"
 
 

@@ -58,7 +58,7 @@ def _pose(found: PoseHeat) -> list[Block]:
         ),
         Paragraph(
             f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would "
-            f"tilt the ladle by {bending.tilt_error_rad / MRAD:+.2f} mrad, {at_lip:.2f} mm at the lip: {matters} "
+            f"tilt the ladle by {bending.tilt_error_rad / MRAD:+z.2f} mrad, {at_lip:.2f} mm at the lip: {matters} "
             f"against a tenth of the required {found.accuracy_m / MM:g} mm"
         ),
     ]

@@ -240,6 +240,7 @@ def test_figures_are_round_in_the_table_whatever_a_command_of_zero_is():
     assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)
     for axis, values in zip(axes, poses.T.tolist(), strict=True):
         assert [float(axis.text(value)) for value in values] == pytest.approx([axis.shown(value) for value in values])
+    assert axes[1].text(-1e-5) == "0.0"
 
 
 def test_plan_is_much_better_than_random_ones(planner, plan):

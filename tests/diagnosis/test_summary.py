@@ -158,6 +158,16 @@ def test_the_gap_says_what_was_not_measured_in_the_rows_held_out(hot, kept, said
     assert "nan" not in sentence
 
 
+@pytest.mark.parametrize(
+    ("left", "said"), [(2.0, "none"), (1.001, "none"), (0.999, "none"), (0.5, r"\d\d %"), (0.0, "all")]
+)
+def test_of_a_gap_that_grew_no_negative_share_is_closed(hot, left, said):
+    gap = hot.held_out
+    after = np.sqrt(gap.floor**2 + left**2 * (gap.before**2 - gap.floor**2))
+    sentence = gap_sentence(replace(hot, held_out=replace(gap, after=after)))
+    assert re.search(rf"\({said} of the gap in position closed\)", sentence)
+
+
 def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
     assert hot.headline == "NAMED: the model lacks leg_thermal_expansion (99 % sure)."
     assert "noise" in gap_sentence(hot)
@@ -366,7 +376,12 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("value", "std", "shown"),
-    [(1.23456, 0.05, ("+1.235", "0.098")), (-123.4, 20.0, ("-123", "39")), (0.5, 0.0, ("+0.500", "0.000"))],
+    [
+        (1.23456, 0.05, ("+1.235", "0.098")),
+        (-123.4, 20.0, ("-123", "39")),
+        (0.5, 0.0, ("+0.500", "0.000")),
+        (-4e-4, 0.05, ("+0.000", "0.098")),
+    ],
 )
 def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
     parameter = EffectParameter("l1_offset", "mm", 1.0, {})

@@ -134,7 +134,7 @@ def _residuals(diagnosis: Conclusions) -> str:
 def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: BoolArray) -> list[str]:
     """Return what the points of rows are, those left out that are not drawn."""
     named = zip(diagnosis.rows.campaign.lines, values, drawn, strict=True)
-    return [f"line {line}: {value:+.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]
+    return [f"line {line}: {value:+z.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]
 
 
 def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:

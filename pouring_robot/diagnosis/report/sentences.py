@@ -125,7 +125,7 @@ def _closed_text(diagnosis: Conclusions, sizes: Mapping[Kind, Sequence[float]]) 
         return ""
     kind = clear[0]
     closed = share_closed(*sizes[kind])
-    share = "all" if closed > 0.995 else f"{100.0 * closed:.0f} %"
+    share = "all" if closed > 0.995 else "none" if closed < 0.005 else f"{100.0 * closed:.0f} %"
     return f" ({share} of the gap{f' in {kind}' if len(sizes) > 1 else ''} closed)"
 
 
@@ -276,7 +276,7 @@ def spare_lines(diagnosis: Conclusions) -> list[str]:
     """Return which effects were tried beside the named ones and are not asked for, with what they would be worth."""
     spare = diagnosis.spare if diagnosis.firm and diagnosis.verdict != "unknown" else {}
     least = diagnosis.diagnoser.thresholds.least_evidence
-    said = {effect: f"{effect} ({worth:+.1f} nats)" for effect, worth in spare.items()}
+    said = {effect: f"{effect} ({worth:+z.1f} nats)" for effect, worth in spare.items()}
     below, above = ([said[e] for e, worth in spare.items() if (worth < least) == few] for few in (True, False))
     lines = [f"{', '.join(below)}; it takes {least:.1f} to be named"] if below else []
     if above:
@@ -332,7 +332,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"first what could not be tested, and may be {part}")
     if verdict == "no_gap":
         least = diagnosis.diagnoser.thresholds.least_evidence
-        worths = {f"{n} ({worth:+.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
+        worths = {f"{n} ({worth:+z.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
         near, bent = ([said for said, worth in worths.items() if (worth < least) == few] for few in (True, False))
         if near:
             lines.append(f"not sure enough to be named: {', '.join(near)}; it takes {least:.1f}, so measure more rows")

@@ -53,7 +53,7 @@ class CommandAxis:
 
     def text(self, value: float) -> str:
         """Return the same as a round figure."""
-        return f"{self.shown(value):.{1 if self.quantity.kind == 'length' else 2}f}"
+        return f"{self.shown(value):z.{1 if self.quantity.kind == 'length' else 2}f}"
 
 
 def command_box(axes: Sequence[CommandAxis]) -> tuple[FloatArray, FloatArray]:

@@ -253,9 +253,9 @@ def map_of(plan: SweepPlan, summary: Summary) -> Any:
         x, z = place[chosen, 0], place[chosen, 2]
         drawn = panel.scatter(x, z, c=off[chosen], s=90, marker="s", vmin=0.0, vmax=np.nanmax(off, initial=1e-9))
         near = "" if values.size <= _SLICES else "near "
-        at = (", ".join(f"{axis} {v:.0f}" for axis, v in zip("xyz", place[i], strict=True)) for i in chosen)
+        at = (", ".join(f"{axis} {v:z.0f}" for axis, v in zip("xyz", place[i], strict=True)) for i in chosen)
         tell(drawn, [f"pose {i + 1}: {words} mm: {off[i]:.3f} mm" for i, words in zip(chosen, at, strict=True)])
-        panel.set(title=f"{near}y = {slices[k]:.0f} mm", xlabel="x [mm]")
+        panel.set(title=f"{near}y = {slices[k]:z.0f} mm", xlabel="x [mm]")
         panel.margins(0.15)
         tidy(panel)
     panels[0].set_ylabel("z [mm]")
