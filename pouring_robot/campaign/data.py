@@ -374,14 +374,16 @@ class Campaign(Result):
         """Return a campaign of the given rows (indices from 0, or a mask of shape (n,)), in the given order.
 
         Raises:
-            BadInputError: no row is left, or an index is out of range.
+            BadInputError: no row is left, an index is out of range, or a mask of another length.
         """
+        given, count = np.asarray(rows), len(self)
         try:
-            chosen = np.arange(len(self))[np.asarray(rows)]
+            chosen = np.arange(count)[given]
         except IndexError:
             chosen = np.empty(0, dtype=np.intp)
-        if chosen.ndim != 1 or chosen.size == 0:
-            raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
+        if chosen.ndim != 1 or chosen.size == 0 or given.min() < 0:
+            masked = f"or a mask of all {count}, of which at least one is chosen"
+            raise BadInputError(f"rows of a campaign are indices from 0 to {count - 1}, at least one, {masked}")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
         changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}

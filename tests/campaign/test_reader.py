@@ -246,6 +246,6 @@ def test_subset(real):
     assert part.lines.tolist() == [7, 5]
     np.testing.assert_array_equal(part.position_m, campaign.position_m[[5, 3]])
     assert len(campaign.subset(campaign.time_s > campaign.time_s[10])) == len(campaign) - 11
-    for wrong in ([], [len(campaign)], [0.5], 3, [[0, 1], [2, 3]]):
-        with pytest.raises(BadInputError):
+    for wrong in ([], [len(campaign)], [-1], [0, -2], [True, False], [0.5], 3, [[0, 1], [2, 3]]):
+        with pytest.raises(BadInputError, match=f"or a mask of all {len(campaign)}"):
             campaign.subset(wrong)
