@@ -6,7 +6,6 @@ It gives what the one-at-a-time solver and G give, and is as fast as they are.
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
@@ -17,7 +16,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.closure.status import CLOSED, NOT_FINITE, SINGULAR, STATUS_NAMES
-from pouring_robot.mechanism.local_parameters import GeometricParameter
+from pouring_robot.mechanism.local_parameters import GeometricParameter, placements
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
@@ -82,9 +81,7 @@ def _solvers(
     def displaced(joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver | None:
         if not np.isfinite(errors).all():
             return None
-        pairs = zip(joints, errors, strict=True)
-        moved = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in pairs if error.any()}
-        return ClosureSolver(structure.mechanism.displaced(moved), options=options)
+        return ClosureSolver(structure.mechanism.displaced(placements(joints, errors)), options=options)
 
     joints, errors, site = structure.site_joints, placed.errors, placed.site
     if site.size:

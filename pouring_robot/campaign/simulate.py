@@ -225,8 +225,6 @@ def _campaign(
         **metadata_of(robot),
     )
     definition = robot.model.definition
-    both = zip(definition.drives, plan.drives.T, strict=True)
-    drives = {drive.column: drive.commanded(values) for drive, values in both}
     lengths = (drive.column for drive in definition.drives if drive.command == "length")
     return Campaign(
         robot=definition,
@@ -237,5 +235,5 @@ def _campaign(
         sessions=plan.sessions,
         headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, *lengths)}},
         ignored_columns=(),
-        **arrays_from(drives | plan.conditions | measured, definition),
+        **arrays_from(definition.commanded(plan.drives) | plan.conditions | measured, definition),
     )

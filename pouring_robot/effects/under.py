@@ -49,6 +49,7 @@ from pouring_robot.io.quantities import first_fault
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray, real
+from pouring_robot.mechanism.local_parameters import placements
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -192,13 +193,12 @@ class RobotUnderConditions:
         numbers = {name: values for name, values in self.given.items() if name != "session"}
         if count > 1:
             numbers = approaches(self.definition, drives) | numbers
-        commanded = zip(self.definition.drives, drives.T, strict=True)
         try:
             numbers = {name: np.broadcast_to(values, (count,)) for name, values in numbers.items()}
             session = np.broadcast_to(self.given.get("session", ""), (count,))
         except ValueError as problem:
             raise BadInputError(f"give each condition one value, or one for each of the {count} commands") from problem
-        numbers |= {drive.column: drive.commanded(values) for drive, values in commanded}
+        numbers |= self.definition.commanded(drives)
         return Campaign(
             robot=self.definition,
             path=Path("commands"),
@@ -213,8 +213,7 @@ class RobotUnderConditions:
 
     def _standing(self, changes: RowChanges, row: int, sites: Sequence[str]) -> Robot:
         """Return the robot as changes displace its sites, by joint, and shift its drives and base in a row."""
-        base, twists = changes.base[row], zip(sites, changes.placements[row].reshape(-1, 6), strict=True)
-        moved = {joint: pin.SE3(pin.exp3(twist[3:]), twist[:3]) for joint, twist in twists if twist.any()}
+        base, moved = changes.base[row], placements(sites, changes.placements[row].reshape(-1, 6))
         drives = zip(self.definition.loops.drives, changes.drives[row].tolist(), strict=True)
         model = self.robot.model.displaced(moved, {joint: shift for joint, shift in drives if shift})
         if base.any():

@@ -38,6 +38,7 @@ from pouring_robot.mechanism.local_parameters import (
     GeometricParameter,
     LocalParameter,
     PlacementParameter,
+    placements,
 )
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
@@ -211,11 +212,10 @@ class MeasurementModel:
         an error of a robot.
         """
         structure = self.engine.structure
-        errors = zip(structure.site_joints, self.placement_errors(values), strict=True)
-        placements = {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in errors if error.any()}
+        placed = placements(structure.site_joints, self.placement_errors(values))
         added = zip(structure.mechanism.loops.drives, self.drive_errors(values).tolist(), strict=True)
         drives = {name: own for name, own in added if own}
-        amended = self.model.displaced(placements, drives)
+        amended = self.model.displaced(placed, drives)
         try:
             amended.check_errors()
         except BadInputError as problem:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -92,6 +93,12 @@ def component_unit(component: str) -> str:
 def unit_twist(component: str) -> FloatArray:
     """Return the unit twist of one of :data:`COMPONENTS`; shape (6,)."""
     return np.asarray(np.eye(6)[COMPONENTS.index(component)])
+
+
+def placements(joints: Iterable[str], errors: FloatArray) -> dict[str, pin.SE3]:
+    """Return the displacement of each joint that has an error, of errors (joints, 6) in m and rad, in its placement."""
+    pairs = zip(joints, errors, strict=True)
+    return {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in pairs if error.any()}
 
 
 def drive_parameters(mechanism: ClosedChainMechanism) -> tuple[DriveParameter, ...]:

@@ -287,6 +287,10 @@ class RobotDefinition:
         empty = np.full(next(iter(numbers.values())).size, np.nan)
         return np.stack([drive.value(numbers.get(drive.column, empty)) for drive in self.drives], axis=-1)
 
+    def commanded(self, drives: FloatArray) -> dict[str, FloatArray]:
+        """Return the columns, by name, (n,) each, in m and rad, that command drive values (n, drives)."""
+        return {drive.column: drive.commanded(values) for drive, values in zip(self.drives, drives.T, strict=True)}
+
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""
         return ClosedChainMechanism(self.urdf(), self.loops, self.path, home=self.file.home)
