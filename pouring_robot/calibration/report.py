@@ -1,7 +1,6 @@
 """What a calibration leaves behind: lines and tables, one self-contained HTML page, model file, URDF and figures."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -27,6 +26,7 @@ from pouring_robot.calibration.summary import (
 )
 from pouring_robot.checks.flags import where
 from pouring_robot.exceptions import DescriptionError, OutputError, counted
+from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.units import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
@@ -218,7 +218,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, o
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
     files: dict[Path, bytes | str] = dict(tree)
-    files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"
+    files[folder / FIGURES] = json_text(calibration_metrics(calibration))
     files[folder / REPORT] = html_report(calibration)
     files[folder / MODEL] = model.file_text(folder)  # others may wait for it
     return [path for path in write_together(files, overwrite=overwrite) if path.parent == folder]

@@ -305,6 +305,13 @@ class Campaign(Result):
         names = np.array(self.sessions)
         return {name: np.flatnonzero(names == name) for name in dict.fromkeys(self.sessions)}
 
+    def alike(self, rows: Indices, keys: NDArray[np.int64]) -> list[Indices]:
+        """Return those of the rows (k,) that have session and keys, (k, m), in common: groups of two or more."""
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
+            groups.setdefault((self.sessions[row], *key), []).append(row)
+        return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+
     @property
     def time_s(self) -> FloatArray | None:
         """Time of measurement, (n,), in s."""

@@ -1,6 +1,5 @@
 """Virtual measurement: the campaign of a robot as built, with noise, gross errors, frames and lost cells."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io import tracker
+from pouring_robot.io.figures import json_text
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
@@ -94,7 +94,7 @@ class VirtualMeasurement:
             "lost_cells": [{"row": row, "column": self.campaign.heading(name)} for row, name in self.lost_cells],
             "actual_poses": [pose_figures(pose) for pose in self.actual_poses],
         }
-        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+        return json_text(content)
 
 
 @one_blas_thread()

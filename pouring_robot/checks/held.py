@@ -51,11 +51,7 @@ def _places(campaign: Campaign) -> list[Indices]:
     """
     whole = np.flatnonzero(campaign.position_measured.all(axis=1) & np.isfinite(campaign.drives).all(axis=1))
     counted = np.round(campaign.position_m[whole] / _SAME_PLACE_M).astype(np.int64)
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for row, place in zip(whole.tolist(), counted.tolist(), strict=True):
-        groups.setdefault((campaign.sessions[row], *place), []).append(row)
-    several = [np.array(rows, dtype=np.intp) for rows in groups.values() if len(rows) > 1]
-    found = [rows for rows in several if np.ptp(campaign.drives[rows], axis=0).max() > _MOVED]
+    found = [rows for rows in campaign.alike(whole, counted) if np.ptp(campaign.drives[rows], axis=0).max() > _MOVED]
     return found if 2 * sum(rows.size for rows in found) >= whole.size else []
 
 

@@ -238,10 +238,7 @@ def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
         if quantity.kind in SET and (values := campaign.quantity(quantity.name)) is not None:
             largest = np.abs(np.nan_to_num(values)).max(initial=0.0) if quantity.kind == "mass" else 0.0
             settings.append(_levels(values[rows], max(_SAME_LOAD * largest, _SAME_DRIVE))[:, None])
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for row, alike in zip(rows.tolist(), np.hstack(settings).tolist(), strict=True):
-        groups.setdefault((campaign.sessions[row], *alike), []).append(row)
-    return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+    return campaign.alike(rows, np.hstack(settings))
 
 
 def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:

@@ -1,7 +1,13 @@
 """Figures as JSON takes them."""
 
+import json
 import math
 from typing import Any
+
+
+def json_text(content: Any) -> str:
+    """Return content as the text of a JSON file; ValueError where a number of it is not finite."""
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def without_nan(value: Any) -> Any:

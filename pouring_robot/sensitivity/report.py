@@ -1,7 +1,6 @@
 """What a sensitivity study found: a row an error, and the axes to control; its tables, pictures and page."""
 
 import functools
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import write_together
 from pouring_robot.io.given import as_tuple, whole
 from pouring_robot.io.seeds import SENSITIVITY_SEED
@@ -206,7 +206,7 @@ class SensitivityReport(Result):
         folder = Path(folder)
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": rows_csv(self.rows),
-            folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",
+            folder / "sensitivity.json": json_text(self.figures()),
         }
         plots: list[Plot] = []
         for samples in self.samples:

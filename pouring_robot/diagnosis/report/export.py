@@ -1,6 +1,5 @@
 """What a diagnosis leaves behind: metrics, amended model, report and ladles, all of them or none."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
 from pouring_robot.inference.thresholds import CHANCE_DRAWS
-from pouring_robot.io.figures import without_nan
+from pouring_robot.io.figures import json_text, without_nan
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked
 from pouring_robot.io.seeds import CHANCE_SEED
@@ -53,7 +52,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     }
     links = {words: name for name, words in with_it.items() if folder / name in files or name == METRICS}
     files[folder / REPORT] = html_report(diagnosis, pictures, links)
-    files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
+    files[folder / METRICS] = json_text(metrics)
     return write_together(files, overwrite=overwrite)
 
 

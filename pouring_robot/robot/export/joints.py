@@ -1,6 +1,5 @@
 """Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.batch.structure import Structure
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.figures import json_text
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.model import RobotModel
@@ -74,7 +74,7 @@ def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
 def joints_text(rows: Sequence[JointRow], path: Path) -> str:
     """Return the table as CSV, headings with units, or JSON; raises BadInputError for a file of another suffix."""
     if path.suffix == ".json":
-        return json.dumps(joints_json(rows), indent=1, allow_nan=False) + "\n"
+        return json_text(joints_json(rows))
     if path.suffix != ".csv":
         raise BadInputError(f"{path}: a table of joints is a .csv or a .json; name it so")
     heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []

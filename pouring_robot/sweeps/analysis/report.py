@@ -1,6 +1,5 @@
 """What a finished sweep says: its figures, lines, tables and plots, and the files beside the store."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.tables import rows_csv
@@ -87,7 +87,7 @@ class SweepReport(Result):
         """Write summary, ranking, picture and page into the sweep's folder and return their paths."""
         study = study_figure(self)
         files: dict[str, str | bytes] = {
-            SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
+            SUMMARY: json_text(self.figures()),
             RANKING: rows_csv(self._table()),
             PICTURE: png_of(study),
             PAGE: html_report(self, study, {"all figures": SUMMARY, "the ranking": RANKING}),
