@@ -13,7 +13,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.io import tracker
+from pouring_robot.io import usual_noise
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.given import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
@@ -44,8 +44,8 @@ class MeasurementOptions:
         seed: of everything random.
     """
 
-    sigma_position_m: float = tracker.SIGMA
-    sigma_rotation_rad: float | None = tracker.SIGMA
+    sigma_position_m: float = usual_noise.SIGMA
+    sigma_rotation_rad: float | None = usual_noise.SIGMA
     outliers: int = 0
     outlier_m: float = 5e-3
     lost: float = 0.0

@@ -9,7 +9,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import Pair, Point, opt, reads, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
-from pouring_robot.io.tracker import SIGMA_MM, SIGMA_MRAD
+from pouring_robot.io.usual_noise import SIGMA_MM, SIGMA_MRAD
 
 _COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
 _ORIGIN = (0.0, 0.0, 0.0)

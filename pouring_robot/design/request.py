@@ -19,7 +19,7 @@ from pouring_robot.effects.families.growth import STEEL_PPM
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io import tracker
+from pouring_robot.io import usual_noise
 from pouring_robot.io.given import as_tuple, expect, whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import MM, MRAD, shown_in
@@ -41,7 +41,7 @@ _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
 }
 _MOST_POSES = 500
 _HOTTEST_DEGC = 800.0
-_TRACKER = NoiseLevel.stated(tracker.SIGMA, tracker.SIGMA)
+_TRACKER = NoiseLevel.stated(usual_noise.SIGMA, usual_noise.SIGMA)
 
 
 @dataclass(frozen=True)
