@@ -248,8 +248,8 @@ class CampaignRows:
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
         own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
-        gap = seen.disagreement if seen.disagreement is None else seen.disagreement[..., :FRAMES]
-        at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, given.base), disagreement=gap)
+        disagreement = seen.disagreement if seen.disagreement is None else seen.disagreement[..., :FRAMES]
+        at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, given.base), disagreement=disagreement)
         still = whiten(self.measured, at_rest).derivatives
         prediction = np.negative(equations.jacobian, out=equations.jacobian)
         rows, start, by_start = equations.rows, equations.rows.copy(), np.zeros((len(sigma), 0))

@@ -97,6 +97,6 @@ def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames
 
 
 def _equations(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> WhitenedEquations:
-    seen, gap = Prediction.of(closure, frames), closure.disagreement
-    redundant = np.zeros((*gap.shape, FRAMES)) if gap.size else None
+    seen, disagreement = Prediction.of(closure, frames), closure.disagreement
+    redundant = np.zeros((*disagreement.shape, FRAMES)) if disagreement.size else None
     return whiten(measured, replace(seen, jacobian=frames.jacobian(seen.poses), disagreement=redundant))

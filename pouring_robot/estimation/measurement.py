@@ -260,10 +260,10 @@ class MeasurementModel:
         jacobian[:, :, :FRAMES] = frames.jacobian(poses, base)
         frames.carried(transfer.matrix, poses, base, out=jacobian[:, :, FRAMES:])
         jacobian[transfer.status != CLOSED] = np.nan
-        gap = transfer.disagreement
-        if gap is not None:  # the frames have no part in it
-            gap = np.pad(gap, ((0, 0), (0, 0), (FRAMES, 0)))
-        return replace(prediction, jacobian=jacobian, disagreement=gap, status=transfer.status)
+        disagreement = transfer.disagreement
+        if disagreement is not None:  # the frames have no part in it
+            disagreement = np.pad(disagreement, ((0, 0), (0, 0), (FRAMES, 0)))
+        return replace(prediction, jacobian=jacobian, disagreement=disagreement, status=transfer.status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,15 +341,15 @@ class ModelledRows:
         parameters = self.model.moved_parameters(errors)
         base = self._base(unknowns)
         found = self.model.differentiated(prediction, unknowns.frames, parameters, self._placed(errors), base)
-        jacobian, gap = found.derivatives, found.disagreement
+        jacobian, disagreement = found.derivatives, found.disagreement
         if base is not None:
             jacobian = self._by_session(jacobian, unknowns, prediction, base)
-            if gap is not None:
-                gap = np.pad(gap, ((0, 0), (0, 0), (0, len(self.model.sessions))))
+            if disagreement is not None:
+                disagreement = np.pad(disagreement, ((0, 0), (0, 0), (0, len(self.model.sessions))))
         if self.changes:
             jacobian[:, :3] *= 1.0 + self.changes.scale[:, None, None]
         jacobian[:, :, :FRAMES] = jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
-        return replace(found, jacobian=jacobian, disagreement=gap)
+        return replace(found, jacobian=jacobian, disagreement=disagreement)
 
     def _by_session(
         self, jacobian: FloatArray, unknowns: Unknowns, prediction: Prediction, base: FloatArray
