@@ -51,7 +51,7 @@ class CalibrationFindings(Result):
     untold: tuple[str, ...]  # effects of the model that nobody learned as some rows stood, taken as none there; a line
     fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
-    # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, 6),
+    # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, K),
     # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
     before: FloatArray
     after: FloatArray

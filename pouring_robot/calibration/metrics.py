@@ -99,7 +99,7 @@ def pose_performance(
 ) -> PosePerformance | None:
     """Return ISO 9283-style figures, or None without a pose measured three times.
 
-    ``before`` and ``after`` are measured minus predicted by the present and the calibrated model, shape (n, 6), in m
+    ``before`` and ``after`` are measured minus predicted by the present and the calibrated model, shape (n, K), in m
     and rad; of the groups of rows commanded alike those with two are left out.
     """
     known = [rows[measured.known[rows, :3].all(axis=1)] for rows in groups]

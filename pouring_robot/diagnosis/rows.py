@@ -69,7 +69,7 @@ class WhitenedRows:
 
     residual: FloatArray  # measured minus predicted over the noise, shape (m,)
     row: Indices  # row of each equation, (m,)
-    component: Indices  # component 0 to 5 of each equation, (m,)
+    component: Indices  # component of each equation, as in ``estimation/kinds.py``, (m,)
     sigma: FloatArray  # noise of each equation's component, (m,), in m or rad
 
     def of(self, rows: BoolArray) -> Self:

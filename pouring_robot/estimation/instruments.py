@@ -218,6 +218,7 @@ def instruments_of(campaign: Campaign) -> tuple[Places, Turns, *tuple[Instrument
     redundant, distance = campaign.redundant_drives, campaign.distance_m
     if redundant or distance is not None:
         length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
+        # Components have places of their own: that of the distance stays empty where there are closures alone.
         others.append(Distances(1.0, length, np.arange(len(campaign)), campaign.distance_start))
     if redundant:
         others.append(Closures(1.0, np.repeat(usable[:, None], redundant, axis=1)))

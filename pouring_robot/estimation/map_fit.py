@@ -4,7 +4,7 @@ Minimised is
 
 .. math:: \sum_b \rho(s_b) + \sum_k (x_k / \sigma_k)^2, \quad s_b^2 = \sum_{c \in b} (r_c / \sigma_c)^2
 
-where a block b is the position or the rotation of one row: one slip spoils all three coordinates. The robust loss is
+where a block b is what was measured of a kind in one row: one slip spoils all three coordinates. The robust loss is
 quadratic up to the bound that 99 % of sound blocks keep, widened while the median block is larger than noise makes it
 (far from the answer, or where the model lacks something). Where it is searched from:
 :mod:`pouring_robot.estimation.first_frames`; how: :mod:`pouring_robot.estimation.levenberg_marquardt`; which unknowns

@@ -20,12 +20,12 @@ from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import rms
 
-_MOST = 12
+_MOST = 12  # processes at work together
 _NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
 """By which share a noise may differ from what the processes leave: what is said of sizes has two figures. More rounds
 settle few others: where a process does as well as row-by-row chance, the two take turns."""
-_MONOTONE = 0.8
-_MINOR = 0.25
+_MONOTONE = 0.8  # rank correlation from which on something grows with a condition
+_MINOR = 0.25  # of the largest place's size: less by the same condition is not told
 
 
 def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[list[Finding], bool]:

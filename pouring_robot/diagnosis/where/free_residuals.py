@@ -73,8 +73,8 @@ class Finding:
 
     what: Literal["lack of fit", "repeats", "component", "condition", "region"]
     sentence: str  # in words
-    size: float  # root mean square, or the span of what a condition does, in m or rad
-    p_value: float | None  # probability that noise alone makes as much anywhere; None where the noise is not known
+    size: float  # root mean square, in m or rad
+    p_value: float | None  # probability that noise alone makes as much anywhere; None where that takes an unknown noise
     component: str = ""  # in which component it is largest; "" for all together
     turning: bool = False  # whether it counts in rad
     condition: str = ""  # condition or region; "" for none

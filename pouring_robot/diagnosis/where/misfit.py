@@ -14,6 +14,8 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _FEWEST = 6
 _LARGER = 1.3
+_HARDLY = 0.02  # m of height, or rad of tilt, within which there are no thirds that differ
+_STANDS_M = 1e-6  # what stands still in x or y moves by less, by rounding
 _HEIGHTS = ("low", "at middle height", "high")
 _TILTS = ("tilted back", "half tilted", "tilted far forward")
 
@@ -106,9 +108,9 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
     n = len(given)
     expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
     score = np.bincount(data.row, data.cleared**2, n) / np.maximum(expected, 1e-12)
-    positions = ~data.turning
-    squares = np.bincount(data.row[positions], ((data.cleared * data.sigma) ** 2)[positions], n)
-    counts = np.bincount(data.row[positions], minlength=n)
+    lengths = ~data.turning
+    squares = np.bincount(data.row[lengths], ((data.cleared * data.sigma) ** 2)[lengths], n)
+    counts = np.bincount(data.row[lengths], minlength=n)
     seen = expected > 1e-9
     found = []
     for words, inside in _parts(given):
@@ -132,14 +134,14 @@ def _parts(given: Conditions) -> Iterator[tuple[str, BoolArray]]:
         yield from ((f"{high} and {tilted}", there & leaning) for tilted, leaning in tilts.items())
     yield from tilts.items()
     for name, values in (("x", x), ("y", y)):
-        if np.ptp(values) > 1e-6:
+        if np.ptp(values) > _STANDS_M:
             yield f"at small {name}", values < np.median(values)
             yield f"at large {name}", values >= np.median(values)
 
 
 def _thirds(values: FloatArray, words: Sequence[str]) -> dict[str, BoolArray]:
     """Return the thirds of the rows by a value, in its order, by their words; none where it hardly varies."""
-    if np.ptp(values) < 0.02:
+    if np.ptp(values) < _HARDLY:
         return {}
     third = np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values)
     return {word: third == k for k, word in enumerate(words)}
