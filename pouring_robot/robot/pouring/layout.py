@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.files import read_text
-from pouring_robot.io.typed_yaml import read_yaml, validate
+from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.arrays import grid, read_only
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring import layout_schema
@@ -105,7 +105,7 @@ def _parse(path: Path, text: str) -> LayoutsFile:
     """Return the checked file; its text is part of the key, so a file that was changed is read again."""
 
     def read() -> str:
-        content = read_yaml(path)
+        content = parse_yaml(text, path)
         try:
             _refuse_ambiguous(path, content, yaml.load(text, _XACRO_LOADER))
         except yaml.YAMLError as error:
