@@ -272,6 +272,14 @@ def test_a_series_that_takes_many_terms_to_add_up_to_it_does_not_explain_as_well
     assert found.alternatives == (("b",) if named else ())
 
 
+def test_a_series_of_which_one_term_is_the_cause_explains_as_well():
+    """All terms at one scale are no rival, but no data tell that term from the cause."""
+    terms = axis(*range(30)) + 0.1 * axis(0)
+    items = [explanation("a", axis(0)), explanation("b", terms, series=True)]
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds())
+    assert found.margins == {} and found.alternatives == ("b",)
+
+
 def test_only_main_parameters_of_what_may_be_named_explain_as_well():
     """Neither a shape, nor a twin that is no cause, nor a direction that two columns share but for rounding."""
     items = [
@@ -362,6 +370,12 @@ def test_what_a_larger_cause_does_as_well_if_its_size_varies_is_no_cause(large, 
         varied=lambda effect: [Process.of_columns("size", "time", varying)] if effect == "large" else [],
     )
     assert (effects(judged), judged.minor) == ((("large", "small"), ()) if named else (("large",), ("small",)))
+
+
+def test_which_cause_is_the_larger_one_does_not_hang_on_which_was_found_first():
+    found = fitted({0: 100.0, 1: SURE}, [explanation("small", axis(1)), explanation("large", axis(0))], 2)
+    judged = judge(found, Left(), varied=lambda effect: [Process.of_columns(effect, "time", axis(1))])
+    assert (effects(judged), judged.minor) == (("large",), ("small",))
 
 
 def test_a_small_cause_does_not_do_what_a_larger_one_does():

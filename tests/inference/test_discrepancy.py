@@ -118,6 +118,7 @@ def test_a_condition_that_went_along_is_a_rival_and_one_that_did_not_is_bounded(
     assert {found[0].process.by, *discrepancy.rivals(found[0], ())} == {"load", "twin"}
     bounds = discrepancy.bounds(found)
     assert bounds["place by time"] < 0.5 * np.sqrt((found[0].movement ** 2).mean())
+    assert found[0].process.name not in bounds
 
 
 def test_what_free_unknowns_absorb_is_no_structure(described, rng):
@@ -145,6 +146,7 @@ def test_evidence_wanted_is_the_evidence_kept(described, rng):
     assert len(everything) == 3
     bound = everything[1].evidence
     assert len(Discrepancy.of(nothing(residual), descriptions).structures(bound + 1e-9)) == 1
+    assert Discrepancy.of(nothing(residual), descriptions).sum(everything[0].evidence + 1e-9, 3) == []
 
 
 def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rng):
@@ -197,6 +199,38 @@ def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
     for least in (3.0, np.inf):
         lead = Discrepancy.of(hypothesis, processes).lead((0,), least)
         assert lead == pytest.approx(hypothesis.worth((0,)), rel=1e-6)
+
+
+def test_two_descriptions_in_the_place_of_a_cause_count_with_what_both_are_worth():
+    both = np.eye(ROWS)[:, [0, 1]]
+    processes = [Process.of_columns("place", str(k), both[:, [k]]) for k in (0, 1)]
+    item = explanation("cause", both.sum(axis=1, keepdims=True) / np.sqrt(2.0))
+    hypothesis = Hypothesis(problem(20.0 * item.columns[:, 0], [item]), (item,), (Scale(1.0),), ()).settled()
+    seen = Discrepancy.of(hypothesis, processes)
+    instead = sum(one.evidence for one in seen.without((0,)).structures())
+    lead = hypothesis.worth((0,)) - instead
+    assert 0.0 < lead < 10.0 and seen.lead((0,), 5.0) == pytest.approx(lead)
+
+
+def test_what_others_explain_together_is_dropped_again():
+    """What moves two rows is found first; two that move one of these each, and another one, then leave it nothing."""
+    axes = np.eye(ROWS)
+    courses = {"both": axes[:, [0, 1]], "first": axes[:, [0, 2]], "second": axes[:, [1, 3]]}
+    processes = [Process.of_columns("place", by, course) for by, course in courses.items()]
+    seen = Discrepancy.of(Hypothesis.nothing(problem(axes[:, :4] @ [30.0, 30.0, 20.0, 15.0], ())), processes)
+    assert [one.process.by for one in seen.sum(3.0, 1)] == ["both"]
+    assert [one.process.by for one in seen.sum(3.0, 3)] == ["first", "second"]
+
+
+def test_the_largest_part_comes_first_and_not_the_most_evident():
+    """Forty rows of 3 noise standard deviations, each with a coefficient of its own, cost more than one row of 16."""
+    axes = np.eye(ROWS)
+    courses = {"one": axes[:, [0]], "many": axes[:, 1:41]}
+    processes = [Process.of_columns("place", by, course) for by, course in courses.items()]
+    residual = axes[:, :41] @ [16.0, *[3.0] * 40]
+    seen = Discrepancy.of(Hypothesis.nothing(problem(residual, ())), processes)
+    assert [one.process.by for one in seen.structures()] == ["one", "many"]
+    assert [one.process.by for one in seen.sum(3.0, 2)] == ["many", "one"]
 
 
 def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):

@@ -44,6 +44,13 @@ def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
     assert _together(np.array([3, 20, 31]), growing) == 1.0
 
 
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_nearest_neighbour_of_a_row_is_another_one_where_poses_are_repeated(which):
+    """Of each pose, read twice, one reading is wrong: its nearest neighbour is the other, which is right."""
+    repeated = np.repeat(np.arange(20.0), 2)[:, None]
+    assert _together(np.arange(which, 40, 2), repeated) == 1.0
+
+
 def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_out(rng, places):
     """Rows that lie together in the one are no reason not to see a single one in the other."""
     rows, (left, deleted) = np.repeat(np.arange(COUNT), COMPONENTS), rng.normal(size=(2, COUNT, COMPONENTS))
