@@ -26,7 +26,7 @@ def alternatives(
     shares = zip(margins, softmax([0.0, *margins.values()])[1:], strict=True)
     likely = {rival for rival, share in shares if share > thresholds.false_names}
     squared, choices = hypothesis.squared_size(*indices), hypothesis.rivals
-    forms = [item for item in hypothesis.problem.explanations if item.cause and item.effect in choices]
+    forms = [item for item in hypothesis.problem.explanations if item.effect in choices]
     alike = [item for item in forms if squared - hypothesis.explained_by(item, indices) < thresholds.hidden]
     # Terms of a series add up to any course, but only if each of many is as large as that takes: no tie.
     fewest = functools.partial(hypothesis.evidence_of_fewest, indices, thresholds.hidden)

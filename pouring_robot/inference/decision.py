@@ -132,7 +132,7 @@ def judge(
     large = [_cause(hypothesis, effect, thresholds) for effect in own]
     adds = [_added(hypothesis, cause.indices) for cause in large]
     faint = min(adds, default=0.0) < thresholds.minor_share * max(adds, default=0.0)
-    remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint and rest() else 0.0
+    remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint else 0.0
     causes = _above(large, adds, remainder, thresholds)
     at_work = {cause.effect for cause in causes}
     minor = tuple(effect for effect in effects if effect not in at_work)
@@ -172,7 +172,7 @@ def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[],
     """
     doubtful = [k for cause in found.causes if cause.effect in found.doubtful for k in cause.indices]
     together = discrepancy.without(doubtful).sum(found.structure_evidence, _MOST_PARTS) if doubtful else rest()
-    return rms(np.sum([one.part for one in together], axis=0)) if together else 0.0
+    return rms(np.sum([one.part for one in together], axis=0))
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:
@@ -277,7 +277,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     evidence = _evidence(hypothesis, indices)
     margins = rivals(hypothesis, indices, thresholds)
     probability = _probability(hypothesis, evidence, thresholds) * float(softmax([0.0, *margins.values()])[0])
-    size = float(np.sqrt(hypothesis.squared_size(*indices) / max(len(hypothesis.problem.residual), 1)))
+    size = float(np.sqrt(hypothesis.squared_size(*indices) / len(hypothesis.problem.residual)))
     # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
     form, others = hypothesis.items[main].form, alternatives(hypothesis, indices, margins, thresholds)
@@ -307,7 +307,7 @@ def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Ca
     kinds = [k for k, level in enumerate(hypothesis.levels) if level]
     without = hypothesis.with_levels_of(()).log_evidence
     least = thresholds.evidence_of_one_in(len(kinds))
-    if not kinds or hypothesis.log_evidence - without < least:
+    if hypothesis.log_evidence - without < least:
         return []
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
@@ -329,8 +329,7 @@ def _small(
 ) -> Cause:
     """Return a kind of workmanship as a cause; others explain as well, at their log densities."""
     evidence = hypothesis.log_evidence - without
-    part = hypothesis.workmanship_part(kind)
-    size = float(np.sqrt(part @ part / max(len(part), 1)))
+    size = rms(hypothesis.workmanship_part(kind))
     share = softmax([hypothesis.log_evidence, *others.values()])[0]
     probability = _probability(hypothesis, evidence, thresholds) * float(share)
     effect = hypothesis.problem.workmanship[kind].effect

@@ -238,7 +238,7 @@ def _best(tried: dict[str, Found], chosen: Together, least_evidence: float) -> F
 
 def _settled(together: Together, least_evidence: float) -> Together:
     """Return the same, each with the amplitude and length it has beside the others, without what is not missed."""
-    for one in together.found if len(together.found) > 1 else ():
+    for one in together.found:
         others = together.others(one)
         again = others.worth(one.name)
         if again.evidence < least_evidence:

@@ -280,7 +280,7 @@ def evidences(
     """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
     _, weights = _grid(len(columns), main, unit)
     squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
-    kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
+    kept = squared > _NEGLIGIBLE * squared[:, -1:]  # columns that nothing is left of explain nothing
     seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected)
     explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
     variance = np.exp(2.0 * LOG_SCALES)[:, None] * np.where(kept, squared, 0.0)[:, None]
@@ -294,7 +294,7 @@ def evidence_of_fewest(columns: FloatArray, projected: FloatArray, explained: fl
     Of all columns where even they do not. The next one is always that which explains most beside those before
     (orthogonal matching pursuit: Pati, Rezaiifar & Krishnaprasad, Asilomar Conference, 1993).
     """
-    left, inner = projected.copy(), columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
+    left, inner = projected, columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
     chosen: list[int] = []
     while explained > 0.0 and len(chosen) < len(columns):
         gains = left**2 / inner.diagonal()

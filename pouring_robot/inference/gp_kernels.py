@@ -44,10 +44,10 @@ def _principal(
         inner = inner - inner.mean(axis=0) - inner.mean(axis=1, keepdims=True) + inner.mean()
     squared, axes = eigen(inner)
     squared, axes = squared[::-1][:most], axes[:, ::-1][:, :most]
-    kept = squared > _NEGLIGIBLE * max(float(squared[0]), 1e-300)
+    kept = squared > _NEGLIGIBLE * squared[0]
     columns = across @ axes[:, kept] / np.sqrt(squared[kept])
     size = np.sqrt((columns**2).sum() / len(columns))
-    return np.asarray(columns / size) if size > 0.0 else columns
+    return np.asarray(columns / size)
 
 
 def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:

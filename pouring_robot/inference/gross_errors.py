@@ -77,4 +77,4 @@ def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:
     neighbours = KDTree(course).query(course[wrong], k=2)[1]
     nearest = np.where(neighbours[:, 0] == wrong, neighbours[:, 1], neighbours[:, 0])
     count, share = int(np.isin(nearest, wrong).sum()), (wrong.size - 1) / (len(course) - 1)
-    return float(bdtrc(count - 1, wrong.size, share)) if count else 1.0
+    return float(bdtrc(count - 1, wrong.size, share))

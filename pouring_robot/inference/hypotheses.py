@@ -219,7 +219,7 @@ class Hypothesis:
 
     def contenders(self, effects: Collection[str]) -> list[tuple[BayesFactor, Explanation]]:
         """Return what every form of some effects would be worth, if it were added, best first."""
-        forms = [item for item in self.problem.explanations if item.cause and item.effect in effects]
+        forms = [item for item in self.problem.explanations if item.effect in effects]
         return sorted(((self.candidate_bayes_factor(item), item) for item in forms), key=lambda w: -w[0].evidence)
 
     def best_forms(self, effects: Collection[str]) -> dict[str, tuple[BayesFactor, Explanation]]:
@@ -343,9 +343,7 @@ class Hypothesis:
         return self._parts[len(self._parts) - len(self.items) + index]
 
     def workmanship_part(self, index: int) -> FloatArray:
-        """Return what a kind of workmanship adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
-        if not self.levels[index]:
-            return np.zeros(len(self.problem.residual))
+        """Return what a kind of workmanship that is fitted adds to the prediction, as :meth:`part`, shape (m,)."""
         return self._parts[sum(level > 0 for level in self.levels[:index])]
 
     def _together(self, indices: Iterable[int]) -> tuple[Indices, FloatArray]:
