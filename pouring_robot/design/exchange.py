@@ -144,7 +144,7 @@ class _Search:
         weights = scipy.linalg.solve_triangular(triangle, np.diag(candidates.inverse_std), trans="T")
         self.base = weights @ weights.T + _RIDGE * len(slots) * np.eye(unknowns)
         self.units = triangle[self.nuisance :, self.nuisance :]
-        widths = [unknowns] + ([self.nuisance] if self.nuisance else [])
+        widths = unknowns, self.nuisance
         self.across = [np.ascontiguousarray(self.rows[:, :, :width].transpose(2, 1, 0)) for width in widths]
 
     def random_plan(self, random: np.random.Generator) -> Indices:
@@ -200,8 +200,7 @@ class _Search:
         return np.asarray((self.kind == self.slots[slot]) & ~np.isin(self.place, others))
 
     def _gains(self, out: _Factors) -> FloatArray:
-        gains = log_determinants(out[0].blocks)
-        return gains - log_determinants(out[1].blocks) if self.nuisance else gains
+        return log_determinants(out[0].blocks) - log_determinants(out[1].blocks)
 
     def _by_determinant(self, chosen: Indices, slot: int, out: _Factors) -> int:
         gains, present = self._gains(out), int(chosen[slot])
@@ -236,8 +235,6 @@ class _Search:
                 traded[a], traded[b] = there, here
                 trades.append(traded)
                 information.append(self._information(traded))
-        if not trades:
-            return False
         scores = self._indices(np.array([self._information(chosen), *information]))
         best = int(np.argmax(scores))
         if not scores[best] > scores[0] * (1.0 + _LEAST_GAIN):
@@ -254,8 +251,7 @@ class _Search:
         # A row (x_f, x_t) adds to S the square of x_t - x_f M_ff^-1 M_ft, here in the units of the parameters.
         passed = np.zeros((len(information), len(values)))
         passed[f:] = np.eye(len(values))
-        if f:
-            passed[:f] = -np.linalg.solve(information[:f, :f], information[:f, f:])
+        passed[:f] = -np.linalg.solve(information[:f, :f], information[:f, f:])
         seen = self.rows @ (passed @ self.units @ directions.T)
         return np.asarray((seen**2).sum(axis=1) @ slopes)
 
