@@ -184,13 +184,12 @@ class Draws:
         count = len(self.margins)
         base = sobol_points(count, self.count // (count + 2), self.seed)
         point, place = np.divmod(np.arange(first, last), count + 2)
-        rows = base[point, :count].copy()
+        rows = base[point, :count]
         one = (place >= 1) & (place <= count)
         rows[one, place[one] - 1] = base[point[one], count + place[one] - 1]
         rows[place == count + 1] = base[point[place == count + 1], count:]
         # A scrambled point may be exactly zero, whose deviate would be infinite.
-        tiny = 2.0**-54
-        return np.asarray(scipy.special.ndtri(np.clip(rows, tiny, 1.0 - tiny)))
+        return np.asarray(scipy.special.ndtri(np.maximum(rows, 2.0**-54)))
 
 
 @functools.lru_cache(maxsize=4)

@@ -85,7 +85,7 @@ class SweepPlan:
         self.accuracy_m: float = accuracy_m
         self.poses: BatchCommand = sweep_commands(config, robot)
         self.pose_block = min(len(self.poses), config.chunk)
-        self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
+        self.sample_block = min(self.draws.count, config.chunk // self.pose_block)
 
     @classmethod
     def load(cls, path: Path | str) -> Self:

@@ -179,11 +179,10 @@ def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
 
 def _quantile(stretch: FloatArray, weight: FloatArray, share: float) -> float:
     """Return the quantile of |z| · stretch, z normal in three dimensions, stretch by direction."""
-    safe = np.maximum(stretch, 1e-12)
 
     def excess(distance: float) -> float:
         # The distribution of chi with three degrees of freedom.
-        return float(weight @ scipy.special.gammainc(1.5, 0.5 * (distance / safe) ** 2)) - share
+        return float(weight @ scipy.special.gammainc(1.5, 0.5 * (distance / stretch) ** 2)) - share
 
     low, high = scipy.special.ndtri(0.5 + 0.5 * share), np.sqrt(2.0 * scipy.special.gammaincinv(1.5, share))
     return float(scipy.optimize.brentq(excess, 0.9 * low, 1.01 * high, xtol=1e-10))
@@ -354,7 +353,7 @@ def _verified(
     factor = found.factors[list(groups)]
     hardest = np.sort(np.argsort(-found.quantile_m, kind="stable")[:VERIFIED_POSES])
     robots = replace(plan.draws, study="monte_carlo", count=wanted.machines)
-    step = max(1, _CLOSURES_AT_ONCE // len(hardest))
+    step = _CLOSURES_AT_ONCE // len(hardest)
     within, failed = np.zeros(len(hardest)), 0
     for first in range(0, wanted.machines, step):
         values = robots.values(first, min(first + step, wanted.machines)) * factor
