@@ -52,7 +52,7 @@ def _quantiles(share: float, counts: Indices) -> FloatArray:
 
 def _sizes(counts: Indices) -> range:
     """Return how many components the blocks of so many each, (n,), may have: three of a place, any of closures."""
-    return range(1, int(counts.max(initial=0)) + 1)
+    return range(1, int(counts.max()) + 1)
 
 
 def _blocks(equations: Equations) -> tuple[Indices, FloatArray, Indices]:
@@ -67,7 +67,7 @@ def typical_size(equations: Equations) -> float:
     _, squared, counts = _blocks(equations)
     kept = counts > 0
     median = _quantiles(0.5, counts[kept])
-    return max(1.0, float(np.sqrt(np.median(squared[kept] / median)))) if kept.any() else 1.0
+    return max(1.0, float(np.sqrt(np.median(squared[kept] / median))))
 
 
 def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:

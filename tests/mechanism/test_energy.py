@@ -127,7 +127,7 @@ def test_payload_is_weight_at_its_place(drawing):
         ClosureEnergy(mechanism, Loads(gravity=True, payload_kg=kg, payload_frame="ladle", payload_centre_m=place))
         for kg in (0.0, 420.0)
     ]
-    added = energies[1].evaluate(configuration).energy - energies[0].evaluate(configuration).energy
+    added = np.diff([energy.evaluate(configuration, configuration).energy for energy in energies]).item()
     height = location.nominal.pose("universe", "ladle").act(np.array(place))[2]
     assert added == pytest.approx(420.0 * GRAVITY_M_S2 * height, rel=1e-10)
     # The mechanism itself, which others share, has gained nothing.

@@ -266,7 +266,7 @@ def test_spherical_joints_keep_masses_limits_and_frames():
     configuration = pin.randomConfiguration(model, -np.ones(5), np.ones(5))
 
     def value(q):
-        return np.array(energy.evaluate(q).energy)
+        return np.array(energy.evaluate(q, q).energy)
 
     numeric = central_differences(value, model, configuration, step=1e-4)
-    assert relative_error(energy.evaluate(configuration).gradient, numeric) < 1e-8
+    assert relative_error(energy.evaluate(configuration, configuration).gradient, numeric) < 1e-8

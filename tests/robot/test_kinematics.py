@@ -80,9 +80,9 @@ def test_nominal_configuration_is_closed(layout):
     _, kinematics = layout
     solver = ClosureSolver(kinematics.mechanism)
     for pose in random_poses(50, seed=52):
-        state = solver.energy.evaluate(kinematics.configuration(pose))
-        assert np.abs(state.residual).max() < 1e-14
-        found = solver.solve({}, kinematics.configuration(pose))
+        configuration = kinematics.configuration(pose)
+        assert np.abs(solver.energy.evaluate(configuration, configuration).residual).max() < 1e-14
+        found = solver.solve({}, configuration)
         assert pose_gap(found.pose_base_to_end, pose.to_se3()) == pytest.approx([0.0, 0.0], abs=1e-12)
 
 

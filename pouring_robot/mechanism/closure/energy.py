@@ -210,7 +210,7 @@ class ClosureEnergy:
         """How all velocity columns move with the free ones, (nv, free)."""
         return np.asarray(self.mechanism.coupling[:, self.free_columns])
 
-    def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
+    def evaluate(self, configuration: FloatArray, commanded: FloatArray) -> EnergyState:
         """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""
         model, workspace = self.model, self.workspace
         data = workspace.data
@@ -234,7 +234,7 @@ class ClosureEnergy:
         gradient = wrench.ravel() @ jacobian.reshape(6 * count, model.nv)
         elastic = energy = 0.5 * float(np.vdot(residual, wrench))
         if self.loads.drive_stiffness:
-            stretch = pin.difference(model, configuration if commanded is None else commanded, configuration)
+            stretch = pin.difference(model, commanded, configuration)
             gradient += self.springs * stretch
             energy += 0.5 * float(self.springs @ stretch**2)
         if self.loads.gravity:
