@@ -6,7 +6,6 @@ A solid's shape is the triangles of a robot's visual geometry, whatever the URDF
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import coal
@@ -40,15 +39,14 @@ class Shape:
     edges: FloatArray  # shape (e, 2, 3), m: both ends of every crease and border
 
 
-def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:
-    """Return the visual geometry of a URDF text for a model of it; ``package://`` addresses are looked up in folders.
+def visual_model(model: pin.Model, urdf_text: str) -> pin.GeometryModel:
+    """Return the visual geometry of a URDF text for a model of it.
 
     Raises:
         DescriptionError: the URDF does not parse, or a mesh is not found.
     """
-    folders = [str(folder) for folder in package_dirs]
     try:
-        return pin.buildGeomFromUrdfString(model, urdf_text, pin.GeometryType.VISUAL, package_dirs=folders)
+        return pin.buildGeomFromUrdfString(model, urdf_text, pin.GeometryType.VISUAL)
     except (ValueError, RuntimeError) as error:
         raise DescriptionError("robot description", f"its visual geometry cannot be read: {error}") from error
 

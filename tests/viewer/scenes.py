@@ -33,7 +33,7 @@ def small_scene(folder, **changes):
     mesh_folder.mkdir(exist_ok=True)
     trimesh.creation.box((300.0, 200.0, 100.0)).export(mesh_folder / "cup.stl")
     model = pin.buildModelFromXML(URDF)
-    visual = visual_model(model, URDF, [folder])
+    visual = visual_model(model, URDF.replace("package:/", str(folder)))
     nominal, actual = pin.neutral(model), pin.neutral(model)
     actual[0] = 0.2
     actual[1:4] = (0.01, 0.1, -0.05)

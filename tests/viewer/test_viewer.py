@@ -222,7 +222,7 @@ def test_refuses_scenes_that_make_no_sense(tmp_path):
 
 def test_missing_mesh_is_named(tmp_path):
     with pytest.raises(DescriptionError, match=r"cup\.stl"):
-        visual_model(pin.buildModelFromXML(URDF), URDF, [tmp_path])
+        visual_model(pin.buildModelFromXML(URDF), URDF.replace("package:/", str(tmp_path)))
 
 
 def test_unwritable_place_is_one_line(tmp_path):
