@@ -10,7 +10,7 @@ from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
-from pouring_robot.inference.processes import Channel, Part, Process, columns_of, sums_of
+from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, columns_of, sums_of
 from tests.inference.problems import explanation, problem
 
 ROWS = 80
@@ -285,3 +285,7 @@ def test_two_conditions_are_no_larger_noise(described, rng):
     factor, evidence = white.noise()
     assert (evidence > 50.0, factor) == (True, pytest.approx(3.0, rel=0.3))
     assert not white.under(factor).structures()
+
+
+def test_what_differs_in_every_row_is_called_so():
+    assert Process("drives", CHANCE, {}).words == "drives, different in every row"

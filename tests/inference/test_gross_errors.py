@@ -9,12 +9,12 @@ from pouring_robot.inference.gross_errors import _together, gross_errors
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
 
 
-def found(wrong, places, rng):
+def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
     """Return the rows that are left out of rows of noise, of which some are off."""
-    left = rng.normal(size=(COUNT, COMPONENTS))
-    left[wrong, 0] += OFF
+    left = noise * rng.normal(size=(COUNT, COMPONENTS))
+    left[wrong, 0] = off
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors([left.ravel()], rows, np.ones(COUNT, dtype=bool), 0, places).tolist()
+    return gross_errors([left.ravel()], rows, np.ones(COUNT, dtype=bool), gone, places).tolist()
 
 
 @pytest.fixture
@@ -27,6 +27,15 @@ def test_up_to_a_tenth_of_scattered_rows_are_left_out(rng, places):
     scattered = np.arange(5, COUNT, 11)  # 11 rows
     assert found(scattered, places, rng) == scattered.tolist()
     assert found(np.arange(5, COUNT, 8), places, rng) == [], "more than a tenth"
+    assert found(scattered, places, rng, gone=2) == [], "with those that are left out already"
+
+
+@pytest.mark.parametrize(
+    ("noise", "off", "wrong"), [(0.2, 6.0, []), (0.2, 7.0, [7]), (3.0, 15.0, []), (3.0, 30.0, [7])]
+)
+def test_rows_count_by_the_noise_or_by_what_nine_tenths_stay_below_where_that_is_more(places, rng, noise, off, wrong):
+    """What is left of the others may be calmer than the noise, as far as they are few, or something unknown."""
+    assert found([7], places, rng, noise=noise, off=off) == wrong
 
 
 def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):

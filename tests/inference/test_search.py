@@ -35,6 +35,14 @@ def test_what_was_planted_is_found_and_nothing_besides(count):
     assert right >= 18
 
 
+def test_what_nature_does_not_allow_is_refused_in_all_its_forms_at_once(rng):
+    """Ten forms explain alike, with a sign that none may have: more than are refused one by one."""
+    push, bounds = rng.normal(size=(ROWS, 1)), np.array([[0.0, np.inf]])
+    forms = [explanation("rod", push, f"form {k}", bounds=bounds) for k in range(10)]
+    found = search(problem(rng.normal(size=ROWS) - 5.0 * push[:, 0], forms))
+    assert (found.items, found.barred) == ((), {item.key for item in forms})
+
+
 @pytest.mark.parametrize(("constant", "count"), [("", 2), ("friction", 1)])
 def test_of_forms_that_are_values_of_one_constant_one_is_found(constant, count):
     rng = np.random.default_rng(3)
