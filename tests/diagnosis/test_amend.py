@@ -85,9 +85,9 @@ def test_an_offset_found_is_an_offset_of_the_drive(diagnosed):
     assert [e.cause.effect for e in found.effects] == ["drive_zero_offset"]
     values = {p.parameter.name: p.value for p in found.effects[0].parameters}
     offsets = amended(found).drive_offsets
-    for name, joint in (("l1_offset", "leg1_s3"), ("l2_offset", "leg2_s3"), ("l3_offset", "leg3_s3")):
-        if name in values:
-            assert offsets[joint].offset_mm == pytest.approx(values[name], abs=1e-3)
+    joints = {f"l{k}_offset": f"leg{k}_s3" for k in (1, 2, 3)}
+    found = {name: offsets[joint].offset_mm for name, joint in joints.items() if joint in offsets}
+    assert found and found == pytest.approx({name: values[name] for name in found}, abs=1e-3)
 
 
 def test_other_commands_say_what_they_leave_out(case, capsys):
