@@ -129,7 +129,7 @@ class PathSearch:
 
         ``limits``: whether poses in which a joint is, or a drive is commanded, beyond its limits have no answer.
         """
-        drives, start = self.warm.command.drives.copy(), self.start
+        drives, start = self.warm.command.drives, self.start
         best = np.full(len(drives), np.inf)
         closed = self.warm.close(drives, start)
         left = before = self.left(closed)

@@ -58,7 +58,7 @@ class ErrorSamples(Generic[P]):
     @functools.cached_property
     def peak_m(self) -> FloatArray:
         """Largest absolute coordinate over the poses, shape (P, 3), in m."""
-        return np.asarray(np.abs(self.translation_m).max(axis=1, initial=0.0))
+        return np.asarray(np.abs(self.translation_m).max(axis=1))
 
     @functools.cached_property
     def mean_m(self) -> FloatArray:
