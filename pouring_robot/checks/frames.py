@@ -363,14 +363,14 @@ def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
 
 
 def _fitted(
-    tried: list[tuple[Mistake, Comparison]], misfit: Callable[[Comparison, bool], float], most: float = np.inf
+    tried: list[tuple[Mistake, Comparison]], misfit: Callable[[Comparison, bool], float], most: float
 ) -> list[tuple[float, Mistake]]:
     """Return the misfit with each mistake undone, of those that may be the least or its equal, and at most ``most``.
 
     ``misfit`` of data is told whether a rough one is enough.
     """
     rough = [misfit(data, True) for _, data in tried]
-    enough = _ROUGHLY * min(most, *rough, np.inf)
+    enough = _ROUGHLY * min([most, *rough])
     return [
         (misfit(data, False), mistake) for (mistake, data), about in zip(tried, rough, strict=True) if about <= enough
     ]

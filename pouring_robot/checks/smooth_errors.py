@@ -235,8 +235,8 @@ def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Flo
         leverage = ((design @ inverse) * weighted).sum(axis=1)
         coefficients = inverse @ (weighted.T @ target)
         left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
-        scale = max(robust_sigma(left), floor, 1e-12)
-        size = np.minimum(np.abs(left) / scale, 1e6)
+        scale = max(robust_sigma(left), floor)
+        size = np.abs(left) / scale
         # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
         weight = huber_weights(size) if step < 8 else tukey_weights(size)
     full = np.full(values.size, np.nan)

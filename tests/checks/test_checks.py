@@ -360,6 +360,23 @@ def test_finds_where_the_tracker_was_moved(as_built, place):
     assert flag.metrics["step_mm"] == pytest.approx(3.0 * np.sqrt(3.0), rel=0.2)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "code"), [(np.arange(24) >= 12, "measurement_jump"), (np.arange(24) == 7, "outlier")]
+)
+def test_of_too_few_rows_to_tell_errors_of_joints_jumps_and_gross_errors_are_told(drawing, wrong, code):
+    """Joints have more errors than a quarter of 72 figures, and would explain either."""
+    campaign = measure(drawing, count=24, seed=13, sigma_rotation_rad=None).campaign
+    moved = damaged(campaign, position_m=lambda v: v + 0.01 * wrong[:, None])
+    assert codes(check_campaign(moved, drawing.kinematics)) == {code}
+
+
+def test_a_drive_that_never_moved_is_told_with_what_cannot_be_found_of_it(clean):
+    still = damaged(clean.campaign, drives=lambda v: np.where(np.arange(4) == 3, v[0], v))
+    (flag,) = check_columns(still)
+    assert (flag.code, flag.severity, flag.columns) == (FlagCode.STUCK_COLUMN, Severity.WARNING, ("q4_rad",))
+    assert "its errors cannot be found" in flag.remedy and "rest of the row" not in flag.message
+
+
 def test_names_the_row_and_the_column_of_the_file(drawing, clean):
     campaign = damaged(clean.campaign, approach=set_rows([4], 2, 0.5))
     (flag,) = check_campaign(campaign, drawing.kinematics)
