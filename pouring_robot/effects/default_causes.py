@@ -21,8 +21,6 @@ those of teeth, balls and graduation lines are, is a closed random walk, whose c
 _ALONG = 0.999
 _USUAL_MOMENT_NM = 100.0  # where nobody says what drives are made for: of an arm that carries some 10 kg
 _ZERO_MRAD = 10.0  # usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree
-_STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
-_LEAD = {**_STROKE, "build_up": True}
 _NO_LIMITS_M, _LONGEST_M = (-1.0, 1.0), 100.0
 """Taken for the stroke of a slide whose limits are none, and from where on limits are."""
 Groups = Mapping[str, tuple[Drive, ...]]
@@ -53,8 +51,8 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     slide = "the drives go further or less far than the controller believes, in proportion or with a build-up"
     turn = "the drives turn further or less far than the controller believes, in proportion: by gear, belt or encoder"
     for name, cause, own in _each(groups, "drive_scale"):
-        lead = name in slides
-        yield CauseEntry(cause, "scale", slide, {**own, **_LEAD}) if lead else CauseEntry(cause, "ratio", turn, own)
+        lead = CauseEntry(cause, "scale", slide, {**own, "build_up": True})
+        yield lead if name in slides else CauseEntry(cause, "ratio", turn, own)
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"
     for _, cause, own in _each(slides, "drive_periodic"):
         yield CauseEntry(cause, "periodic", story, {**own, "period": "pitch"})
@@ -66,7 +64,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
         yield CauseEntry(cause, "periodic", story, {**own, "sizes": HARMONIC_SIZES, "all_main": True})
     story = "nuts and gears have play: a drive stops short on the side it came from"
     for name, cause, own in _each(groups, "drive_backlash"):
-        yield CauseEntry(cause, "lost_motion", story, {**own, **_STROKE, "group": name if len(groups) > 1 else ""})
+        yield CauseEntry(cause, "lost_motion", story, {**own, "group": name if len(groups) > 1 else ""})
     story = "the drives yield to the forces that weight puts on them"
     for name, cause, own in _each(groups, "drive_compliance"):
         sizes: dict[str, Any]
