@@ -161,7 +161,7 @@ def varied(effect: Channel, given: Conditions) -> Iterator[Process]:
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:
     """Return the process that a place is off in every row by itself."""
-    course = _USUAL * row_by_row(count, _MOST_BY_CHANCE // max(len(channels), 1))
+    course = _USUAL * row_by_row(count, _MOST_BY_CHANCE // len(channels))
     return Process(where, CHANCE, {"": tuple(Part(channel, course) for channel in channels)})
 
 

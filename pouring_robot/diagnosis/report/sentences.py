@@ -207,7 +207,7 @@ def _beyond_nature(
     if all(diagnosis.hypothesis.items[k].bounds is None for k in effect.cause.indices):
         return  # of what the given model has already there may be less
     bounded = [(name, p) for name, p in every if np.isfinite(p.parameter.bounds).any()]
-    rate, beyond = diagnosis.diagnoser.thresholds.false_names / max(len(bounded), 1), []
+    rate, beyond = diagnosis.diagnoser.thresholds.false_names / len(bounded), []
     for name, found in bounded:
         slack = -float(stdtrit(found.freedoms, rate)) * found.std
         low, high = found.parameter.bounds
@@ -397,7 +397,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
         ]
     if not suggestion.tells:
         return [f"none of the measurements that were tried would tell {told}"]
-    by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
+    by_chance = float(np.median(suggestion.random_nats))
     lines = [
         f"{counted(len(best), 'measurement')} to tell {told}: {_nats_text(gain)} expected, "
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"

@@ -214,7 +214,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     seen = [outer * pose * inner for pose in possible.poses]
     place = np.array([pose.translation for pose in seen])
     turn = rotation_vectors(np.array([pose.rotation for pose in seen]))
-    session = next(iter(by_size(campaign)), SESSION) if campaign.metadata.own_frames else SESSION
+    session = by_size(campaign)[0] if campaign.metadata.own_frames else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,

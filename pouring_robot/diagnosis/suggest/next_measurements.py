@@ -197,7 +197,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
         return Suggestion((), (), 0.0, advice=advice, seed=seed)
     predictions = [_prediction(c, prospect) for c in contenders]
     k = prospect.components
-    choice = choose(predictions, pairs, k, min(count, len(possible)))
+    choice = choose(predictions, pairs, k, count)
     random = generator(seed, Stream.RANDOM_SETS)
     sets = [random.choice(len(possible), choice.chosen.size, replace=False) for _ in range(RANDOM_SETS)]
     at_random = np.array([expected(predictions, pairs, k, chosen) for chosen in sets])

@@ -90,7 +90,7 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
     if freedoms < 3 or not chosen.any() or not data.noise_known:
         return []
     p_value = data.excess(float(apart @ apart), freedoms)
-    spare = max(int(chosen.sum()) - np.unique(group[chosen]).size, 1)
+    spare = int(chosen.sum()) - np.unique(group[chosen]).size
     size = float(np.sqrt(((apart * data.sigma[repeated])[chosen] ** 2).sum() / spare))
     sentence = (
         f"The same command gives poses {size_text(size)} rms apart when repeated "
