@@ -55,7 +55,7 @@ class _Direction:
     def add(self, index: int) -> None:
         """Take a measurement as made."""
         place = slice(self._k * index, self._k * (index + 1))
-        spread = self._right[place, place].copy()
+        spread = self._right[place, place]
         by_right = np.linalg.solve(spread, self._right[place]).T
         by_other = np.linalg.solve(self._other[place, place], self._other[place]).T
         # The means move with what is measured, which is random where the right explanation is right.

@@ -127,9 +127,5 @@ def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
 
 def _blocks(first: Part, other: Sequence[Part], weights: FloatArray) -> FloatArray:
     """Return the inner products of a part's columns with other ones'; weights (n, parts) are those of the channels."""
-    found = []
-    for second, weight in zip(other, weights.T[:, :, None], strict=True):
-        course = second.course
-        weighted = course * weight if isinstance(course, np.ndarray) else course.multiply(weight)
-        found.append(_dense(first.course.T @ weighted))
-    return np.hstack(found)
+    pairs = zip(other, weights.T[:, :, None], strict=True)
+    return np.hstack([_dense(first.course.T @ (second.course * weight)) for second, weight in pairs])

@@ -143,7 +143,7 @@ class SeenProcesses:
         """Return them at every length scale."""
         nuisance = hypothesis.problem.nuisance
         values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
-        kept = max(1, _AT_HAND // max(values.nbytes, 1))
+        kept = max(1, _AT_HAND // values.nbytes)
         against = lru_cache(kept)(lambda channel: channel.against(values))
         every = (
             [Seen.of(process, length, against, nuisance.dof) for length in process.lengths] for process in processes

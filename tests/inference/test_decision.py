@@ -691,6 +691,7 @@ def test_chances_of_kinds_that_are_the_same_are_equal():
     hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
     found = workmanship_cause(hypothesis, Thresholds())
     assert {found[0].effect, *found[0].alternatives} == {"one", "two", "three"}
+    assert [*found[0].alternatives] == sorted(found[0].alternatives)
     assert found[0].probability == pytest.approx(HELD / 3.0, abs=1e-3)
 
 
