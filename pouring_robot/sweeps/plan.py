@@ -22,6 +22,7 @@ from pouring_robot.io.seeds import spawned
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, grid
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.drawing import agreed
@@ -157,6 +158,10 @@ class SweepPlan:
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
         status = closed.status.reshape(shape)
         return ChunkResult(moved, turned, gaps[..., 0], gaps[..., 1], status, values, pouring_robot.__version__)
+
+    def within(self, status: ByteArray, distance_m: FloatArray) -> BoolArray:
+        """Return which samples (...) keep the required accuracy; what has no solution is not within."""
+        return np.asarray((status == CLOSED) & (distance_m <= self.accuracy_m))
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
         """Return for each parameter the number of the group whose tolerances are scaled together."""

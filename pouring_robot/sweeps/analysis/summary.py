@@ -54,7 +54,7 @@ class _Part:
         self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
         self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
         self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
-        self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
+        self.within = store.plan.within(self.status, self.distance_m)
 
 
 class Moments:
@@ -135,7 +135,7 @@ class Summary:
             "rms_mm": {axis: float(value) / MM for axis, value in zip(AXES, rms, strict=True)},
             "quantiles_mm": without_nan(quantiles),
             "accuracy_mm": self.accuracy_m / MM,
-            "share_within": float(self.by_pose.within.sum()) / self.samples,  # what has no solution is not within
+            "share_within": float(self.by_pose.within.sum()) / self.samples,
             "share_of_robots_within_everywhere": float((self.by_sample.within == poses).sum()) / robots,
             "worst_pose": worst,
             "largest_gap_mm": self.largest_gap_m / MM,

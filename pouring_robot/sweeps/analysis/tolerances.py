@@ -359,7 +359,7 @@ def _verified(
         values = robots.values(first, min(first + step, wanted.machines)) * factor
         moved = plan.moved(values, plan.poses[hardest])
         distance = np.linalg.norm(moved.displacement[:, :, 0], axis=-1)
-        within += ((moved.status == CLOSED) & (distance <= plan.accuracy_m)).sum(axis=0)
+        within += plan.within(moved.status, distance).sum(axis=0)
         failed += int((moved.status != CLOSED).sum())
         progress("verification", first + len(values), wanted.machines)
     tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
