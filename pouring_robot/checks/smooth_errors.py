@@ -4,7 +4,7 @@ What they leave of each row, judged without itself, and its robust deviation; th
 (:mod:`pouring_robot.estimation.robust`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -136,16 +136,19 @@ def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> Floa
 
 def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
     """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
-    pose_terms = [scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
+    pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
     kinds = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
     kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
     conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
-    terms = [np.ones(len(campaign)), *pose_terms]
+    return [np.ones(len(campaign)), *pose_terms, *condition_terms(conditions)], 1 + len(pose_terms)
+
+
+def condition_terms(conditions: Iterable[FloatArray]) -> Iterator[FloatArray]:
+    """Yield conditions (n,) that vary, centred and over their spread; a missing cell stands in the middle."""
     for values in conditions:
         if np.unique(values[np.isfinite(values)]).size > 1:
-            terms.append(np.nan_to_num(scaled(values)))
-    return terms, 1 + len(pose_terms)
+            yield np.nan_to_num(_scaled(values))
 
 
 def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
@@ -180,7 +183,7 @@ def _turns(poses: PoseStack) -> FloatArray:
     return np.asarray((rotation - middle) @ axes[sizes > TURNING * np.sqrt(known.sum())].T)
 
 
-def scaled(values: FloatArray) -> FloatArray:
+def _scaled(values: FloatArray) -> FloatArray:
     """Return values (n,) about their median, over their spread, NaN where there are none; 0 where they stand still."""
     spread = float(np.nanstd(values))
     centred = values - np.nanmedian(values)

@@ -27,7 +27,7 @@ from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.checks.smooth_errors import joint_effect, scaled
+from pouring_robot.checks.smooth_errors import condition_terms, joint_effect
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.noise import FALSE_ALARMS
@@ -224,12 +224,10 @@ def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
 
 
 def _conditions(campaign: Campaign, rows: Indices, kind: str = "") -> Iterator[FloatArray]:
-    """Yield conditions, of one kind or all, centred and over their spread; a missing cell stands in the middle."""
+    """Yield conditions, of one kind or all, as :func:`condition_terms`."""
     kind_of = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
-    for name, values in campaign.conditions.items():
-        known = values[rows]
-        if np.unique(known[np.isfinite(known)]).size > 1 and kind in ("", kind_of[name]):
-            yield np.nan_to_num(scaled(known))
+    kept = (values[rows] for name, values in campaign.conditions.items() if kind in ("", kind_of[name]))
+    yield from condition_terms(kept)
 
 
 def _sessions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
