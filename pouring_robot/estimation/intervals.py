@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
+from pouring_robot.io.figures import two_digits
 from pouring_robot.mechanism.arrays import FloatArray
 
 Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
@@ -68,6 +69,5 @@ class Estimate:
 def value_and_half_width(value: float, std: float, freedoms: float) -> tuple[str, str]:
     """Return a value and its 95 % half width as text, two digits of the latter; ``freedoms`` tell the std."""
     half = deviations95(freedoms) * std
-    digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
-    digits = min(max(digits, 0), 6)
+    digits = two_digits(half)
     return f"{value:+z.{digits}f}", f"{half:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Figures as JSON takes them."""
+"""Figures as JSON takes them, and with how many decimals they are shown."""
 
 import json
 import math
@@ -8,6 +8,11 @@ from typing import Any
 def json_text(content: Any) -> str:
     """Return content as the text of a JSON file; ValueError where a number of it is not finite."""
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def two_digits(value: float, fewest: int = 0) -> int:
+    """Return with how many decimals a value is shown with two digits: at least the fewest, at most 6, 3 for zero."""
+    return min(max(1 - math.floor(math.log10(abs(value))), fewest), 6) if abs(value) > 0.0 else 3
 
 
 def without_nan(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -13,6 +12,7 @@ from pouring_robot.estimation.kinds import are, kinds_of
 from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, chance_of, scatter
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
+from pouring_robot.io.figures import two_digits
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
@@ -92,6 +92,4 @@ class Finding:
 def size_text(size: float, turning: bool = False) -> str:
     """Return a size in m or rad as mm or mrad, two figures."""
     unit, si = shown_in("rad" if turning else "m")
-    value = size / si
-    digits = min(max(1 - math.floor(math.log10(abs(value))), 1), 6) if abs(value) > 0.0 else 3
-    return f"{value:.{digits}f} {unit}"
+    return f"{size / si:.{two_digits(size / si, fewest=1)}f} {unit}"
