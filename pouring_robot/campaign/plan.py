@@ -151,7 +151,7 @@ def _random_conditions(robot: Robot, count: int, random: np.random.Generator) ->
         filled = 1.0 - (np.arange(count) % _POUR_CYCLE) / _POUR_CYCLE
         conditions |= {
             "payload": np.round(robot.layout.ladle.payload.value * filled, 1),
-            "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
+            "truss_travel": np.round(random.uniform(0.0, robot.layout.truss.span.metres, count), 4),
             "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
         }
     hall = AMBIENT_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count)

@@ -202,7 +202,7 @@ def metadata_of(robot: Robot) -> dict[str, Any]:
     return {
         "reference_temperature_degC": properties.expansion.reference_temperature.value,
         "screw_pitch_m": _SCREW_PITCH_M,
-        "truss_span_m": layout.truss_span_m,
+        "truss_span_m": layout.truss.span.metres,
         "ladle_tare_kg": ladle.tare.value,
         "ladle_centre_of_mass_m": ladle.centre_of_mass.metres,
     }

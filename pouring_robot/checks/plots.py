@@ -14,7 +14,7 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.rotations import tilts
 from pouring_robot.report import plots
 from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, own_look, png_of
-from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.layout_schema import Layout
 
 # Vermilion is kept for what is wrong.
 _COLOURS = (plots.BLUE, plots.ORANGE, plots.GREEN, plots.PURPLE, plots.SKY, "#8C6D1F", "#000000")

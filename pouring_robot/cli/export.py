@@ -32,7 +32,7 @@ def export(
     from pouring_robot.robot.export.closed_robot import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
-    from pouring_robot.robot.pouring.layout import load_layout, stale_mesh_note
+    from pouring_robot.robot.pouring.layout import stale_mesh_note
 
     present = which.built()
     built = present.model
@@ -49,7 +49,7 @@ def export(
             f"values of {off_m.size} poses of the workspace it is {rms(off_m) / MM:.2g} mm rms and "
             f"{off_m.max() / MM:.2g} mm at most off"
         )
-    note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
+    note = None if built.robot else stale_mesh_note(built.layout, built.layouts_path)
     followers = closed.mechanism.mimics if form in ("sdf", "drake") else ()
     counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
     options.print_notes([*([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])

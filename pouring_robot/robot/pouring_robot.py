@@ -28,8 +28,8 @@ from pouring_robot.robot.command_table import read_pose_lines
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.layout import load_layout, stale_mesh_note
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.robot import LOCATED, Command, Robot
 
@@ -48,13 +48,8 @@ class PouringRobot(Robot):
 
     @functools.cached_property
     def layout(self) -> Layout:
-        """Workspace and ladle of the layout, in SI units."""
-        return load_layout(self.model.layout, self.model.layouts_path)
-
-    @property
-    def dimensions(self) -> LayoutEntry:
         """Sizes of every part, as the dimensions file has them."""
-        return self.layout.entry
+        return load_layout(self.model.layout, self.model.layouts_path)
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
         """Close the robot as built for drives l1, l2, l3 (m), theta46 (rad) by joint name, from the pose ``near`` them.
@@ -138,12 +133,12 @@ class PouringRobot(Robot):
     @property
     def accuracy_m(self) -> float:
         """Required accuracy of the pouring lip, in m."""
-        return self.layout.accuracy_m
+        return self.layout.workspace.accuracy.metres
 
     @property
     def picture_notes(self) -> tuple[str, ...]:
         """Whether the ladle's mesh is that of the layout."""
-        note = stale_mesh_note(self.layout)
+        note = stale_mesh_note(self.model.layout, self.model.layouts_path)
         return (note,) if note else ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:

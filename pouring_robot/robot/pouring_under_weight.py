@@ -22,7 +22,7 @@ def stiffness_at(
     values = robot.kinematics.joint_values(pose)
     lengths = np.array([values[stroke] for stroke in STROKES])
     carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare.value)
-    return PartStiffness.of(robot.dimensions, lengths, carried, properties)
+    return PartStiffness.of(robot.layout, lengths, carried, properties)
 
 
 def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: float) -> PouringRobot:
@@ -58,7 +58,7 @@ def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessPro
     data = model.createData()
     pin.computeSubtreeMasses(model, data)
     trolley = robot.nominal_solver.mechanism.joint_id(robot.nominal_solver.mechanism.loops.locked_joints[-1])
-    truss = robot.dimensions.truss
+    truss = robot.layout.truss
     width, height, wall = (s.metres for s in (truss.girder_width, truss.girder_height, truss.girder_wall))
     inertia = (width * height**3 - (width - 2.0 * wall) * (height - 2.0 * wall) ** 3) / 12.0
     modulus = (properties or load_stiffness()).steel.youngs_modulus.value

@@ -78,7 +78,7 @@ class PoseHeat(Result):
         lip = location.nominal.pose(loops.end_frame or "", loops.working_frame)
         lever = float(np.hypot(lip.translation[0], lip.translation[2]))
         parts = part_figures(robot, field, state.robot.expansion)
-        return cls(pose, field, parts, moved, LegBending.of(field), lever, robot.layout.accuracy_m)
+        return cls(pose, field, parts, moved, LegBending.of(field), lever, robot.accuracy_m)
 
     @property
     def headline(self) -> str:

@@ -272,10 +272,10 @@ def one_centimetre(study: SectionsStudy) -> Claim:
         "the end positioning accuracy is less than 1 cm",
         f"all errors of 4.3 together, rms at o: {opened / MM:.1f} mm in an open branch, {closed / MM:.1f} mm in the "
         "robot",
-        judge(2.0 * closed < study.robot.layout.accuracy_m),
+        judge(2.0 * closed < study.robot.accuracy_m),
         "twice the rms of the closed robot is below 10 mm",
         "open branches suggest that 0.2 mm and 4 mrad are nearly good enough; closed, the robot is weak in Y and needs "
-        f"calibration or errors {2.0 * closed / study.robot.layout.accuracy_m:.1f} times as small",
+        f"calibration or errors {2.0 * closed / study.robot.accuracy_m:.1f} times as small",
         reading="errors even within ±0.2 mm and ±4 mrad, independent of each other",
         figures={"open_mm": opened / MM, "closed_mm": closed / MM},
     )
@@ -510,7 +510,7 @@ class SectionsReport(PaperReport):
 
     def renderables(self) -> list[RenderableType]:
         """Return everything there is to print."""
-        heading = f"layout {self.study.robot.layout.name}, seed {self.study.seed}; the paper has no measured data"
+        heading = f"layout {self.study.robot.model.layout}, seed {self.study.seed}; the paper has no measured data"
         return [
             Text(heading),
             "",
@@ -524,7 +524,7 @@ class SectionsReport(PaperReport):
 
     def record(self) -> dict[str, Any]:
         """Return all figures, ready for JSON."""
-        return {"layout": self.study.robot.layout.name, "seed": self.study.seed} | {
+        return {"layout": self.study.robot.model.layout, "seed": self.study.seed} | {
             "claims": [asdict(claim) for claim in self.claims]
         }
 

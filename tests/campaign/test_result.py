@@ -82,5 +82,5 @@ def test_robots_and_campaigns_go_to_other_processes(real, as_built, copied):
     assert campaign.to_frame().equals(real.campaign.to_frame())
     with pytest.raises(TypeError):
         campaign.conditions["payload"] = 0.0
-    assert robot.model == as_built.model and robot.layout.accuracy_m == as_built.layout.accuracy_m
+    assert robot.model == as_built.model and robot.accuracy_m == as_built.accuracy_m
     np.testing.assert_array_equal(robot.transfer(pose), as_built.transfer(pose))

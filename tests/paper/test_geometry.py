@@ -79,14 +79,14 @@ def test_seven_errors_are_those_that_plain_geometry_gives(paper):
     """α01 turns about X at O, θ1 about Y and α12 about Z at the U-joint centre, α56 about the foot's z at B."""
     study = paper.study
     errors = study.open_branch.of_chain(1)
-    position, centre = study.command.start.position, study.layout.fixed_centres_m[0]
+    position, centre = study.command.start.position, study.layout.fixed_centres.metres[0]
     for label, axis, point in (("α01", 0, np.zeros(3)), ("θ1", 1, centre), ("α12", 2, np.array(centre))):
         arm = position - point
         expected = arm @ pin.exp3(0.004 * np.eye(3)[axis]).T - arm
         found = errors.moves(label)
         sign = np.sign((expected * found).sum())
         np.testing.assert_allclose(found, arm @ pin.exp3(sign * 0.004 * np.eye(3)[axis]).T - arm, atol=1e-12)
-    arm = np.linalg.norm(study.layout.moving_centres_m[0] * [1, 1, 0])
+    arm = np.linalg.norm(study.layout.moving_centres.metres[0] * [1, 1, 0])
     assert errors.distance_m[errors.labels.index("α56")].max() <= 2.0 * np.sin(0.002) * arm + 1e-12
 
 

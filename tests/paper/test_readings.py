@@ -22,7 +22,9 @@ from scripts.paper.readings import (
 @pytest.mark.parametrize(("layout", "sizes"), [("paper", Sizes("Mm", "Mm")), ("wide", Sizes("Nn", ""))])
 def test_the_shipped_layouts_are_two_of_them(layout, sizes):
     shipped = load_layout(layout)
-    for centres, own in zip(sizes.centres_mm(), (shipped.fixed_centres_m, shipped.moving_centres_m), strict=True):
+    for centres, own in zip(
+        sizes.centres_mm(), (shipped.fixed_centres.metres, shipped.moving_centres.metres), strict=True
+    ):
         np.testing.assert_allclose(np.array(centres) / 1e3, own)
     assert sizes in SIZES and len(set(SIZES)) == 8
 
@@ -30,7 +32,9 @@ def test_the_shipped_layouts_are_two_of_them(layout, sizes):
 def test_a_reading_is_a_robot_and_the_papers_own_agrees_with_the_study(tmp_path):
     robots = models(tmp_path)
     wanted = Sizes("Mm", "Mm")
-    assert np.allclose(PouringRobot(robots[wanted]).layout.fixed_centres_m, load_layout("paper").fixed_centres_m)
+    assert np.allclose(
+        PouringRobot(robots[wanted]).layout.fixed_centres.metres, load_layout("paper").fixed_centres.metres
+    )
     study = run_open_study(robots[wanted], 400, 5, chain=1)
     one, other = (_geometry(study, normals, "largest") for normals in NORMALS)
     assert one["both_signs"] == "reproduced" and other["both_signs"] == "differs"

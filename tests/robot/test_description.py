@@ -47,7 +47,7 @@ def inverse_kinematics(layout: str, position_m: np.ndarray, tilt_rad: float) -> 
     rotation = Rotation.from_rotvec([0.0, tilt_rad, 0.0]).as_matrix()
     values: dict[str, float] = {}
     for i in CHAINS:
-        leg = position_m + rotation @ dimensions.moving_centres_m[i - 1] - dimensions.fixed_centres_m[i - 1]
+        leg = position_m + rotation @ dimensions.moving_centres.metres[i - 1] - dimensions.fixed_centres.metres[i - 1]
         length = float(np.linalg.norm(leg))
         swing, lean = math.atan2(-leg[0], -leg[2]), math.asin(leg[1] / length)
         values |= {
@@ -128,7 +128,7 @@ def test_closed_form_puts_every_foot_on_its_seat(layout: str) -> None:
     rotation = Rotation.from_rotvec([0.0, tilt, 0.0]).as_matrix()
     for i in CHAINS:
         foot = frame_pose(model, q, f"leg{i}_foot")
-        expected = position + rotation @ load_layout(layout).moving_centres_m[i - 1]
+        expected = position + rotation @ load_layout(layout).moving_centres.metres[i - 1]
         np.testing.assert_allclose(foot.translation, expected, rtol=0, atol=1e-12)
         np.testing.assert_allclose(foot.rotation, rotation, rtol=0, atol=1e-12)
         assert frame_pose(model, q, f"leg{i}_seat").isApprox(foot, 1e-12)
@@ -174,7 +174,7 @@ def test_units_of_the_layouts_file_are_converted(tmp_path: Path) -> None:
     assert in_mm in SHIPPED
     path = write(tmp_path, SHIPPED.replace(in_mm, in_m))
     assert render_urdf(layouts_file=path) == render_urdf()
-    np.testing.assert_array_equal(load_layout("paper", path).fixed_centres_m, load_layout().fixed_centres_m)
+    np.testing.assert_array_equal(load_layout("paper", path).fixed_centres.metres, load_layout().fixed_centres.metres)
 
 
 def test_users_own_layout_is_used(tmp_path: Path) -> None:
@@ -474,7 +474,7 @@ def test_perturbed_joint_is_felt_by_pinocchio() -> None:
     tilted = perturb_urdf(render_urdf(), {"leg1_s1": displacement(rotation_rad=(0.001, 0.0, 0.0))})
     nominal_model, model = pin.buildModelFromXML(render_urdf()), pin.buildModelFromXML(tilted)
     q = configuration(model, inverse_kinematics("paper", np.array([-0.1, 0.02, -0.6]), 0.3))
-    arm = frame_pose(nominal_model, q, "leg1_foot").translation - load_layout().fixed_centres_m[0]
+    arm = frame_pose(nominal_model, q, "leg1_foot").translation - load_layout().fixed_centres.metres[0]
     moved = frame_pose(model, q, "leg1_foot").translation - frame_pose(nominal_model, q, "leg1_foot").translation
     np.testing.assert_allclose(moved, np.cross([0.001, 0.0, 0.0], arm), rtol=0, atol=1e-6)
     assert np.linalg.norm(moved) > 4e-4

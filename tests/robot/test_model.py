@@ -102,7 +102,7 @@ def test_files_of_a_model_stay_its_own_wherever_the_process_goes(tmp_path, monke
     Path("model.yaml").write_text("layouts_file: mine.yaml\n")
     robot = load_robot("model.yaml")
     monkeypatch.chdir(tmp_path / "b")
-    assert robot.layout.name == "paper"
+    assert robot.model.layout == "paper"
     assert load_robot(robot.model.save("model.yaml")).model == robot.model
 
 

@@ -59,7 +59,7 @@ def test_the_file_says_what_the_owner_said(tmp_path):
     path = tmp_path / "layouts.yaml"
     path.write_text(own.file_text(), encoding="utf-8")
     layout = load_layout("own", path)
-    np.testing.assert_allclose(np.ptp(layout.fixed_centres_m, axis=0), [1.0, 0.9, 0.0])
+    np.testing.assert_allclose(np.ptp(layout.fixed_centres.metres, axis=0), [1.0, 0.9, 0.0])
     np.testing.assert_allclose([corner[2] for corner in layout.box], (-1.2, -0.7))
     text = path.read_text(encoding="utf-8")
     assert "paper's robot" not in text.split("layouts:")[1]
@@ -71,7 +71,7 @@ def test_rods_are_as_long_as_the_longest_leg(tmp_path):
     """Heat goes all the way; the warm end of a rod that ends in the air would count for the whole leg."""
     tall = dataclasses.replace(NewLayout.usual(), name="tall", fixed_mm=(1500.0, 1500.0), z_mm=(-3000.0, -2500.0))
     (path := tmp_path / "layouts.yaml").write_text(tall.file_text(), encoding="utf-8")
-    entry = load_layout("tall", path).entry
+    entry = load_layout("tall", path)
     longest = max(entry.joint_limits.s3.metres)
     way = LegGrid.of(entry.leg, 20, 5).path_weights_m(np.full(4, longest))
     np.testing.assert_allclose(way.sum(axis=1), longest)

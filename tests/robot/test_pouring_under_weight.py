@@ -25,7 +25,7 @@ def sag(robot, stiffness, payload_kg):
 
 
 def test_parts_by_hand(drawing):
-    stiffness = PartStiffness.of(drawing.dimensions, np.full(4, 0.62), 1700.0)
+    stiffness = PartStiffness.of(drawing.layout, np.full(4, 0.62), 1700.0)
     # A steel bar of 46 mm and 0.5 m; a square bar of 24 mm on supports 140 mm apart; 46 mm of shaft, 0.5 m.
     assert stiffness.shares["spindle"] == pytest.approx(0.5 / (2.06e11 * np.pi * 0.023**2))
     assert stiffness.shares["gimbal"] == pytest.approx(0.14**3 / (48 * 2.06e11 * 0.024**4 / 12))
@@ -38,14 +38,14 @@ def test_parts_by_hand(drawing):
     bends = np.sum((1.0 - along_leg / 0.62) ** 2 / inertia) * 1e-5 / 2.06e11
     assert 1.0 / stiffness.tilt_drive == pytest.approx(1.0 / 3.0e5 + bends, rel=1e-4)
     # Palmgren: twice the load, 2^0.9 times the way.
-    twice = PartStiffness.of(drawing.dimensions, np.full(4, 0.62), 3400.0)
+    twice = PartStiffness.of(drawing.layout, np.full(4, 0.62), 3400.0)
     assert twice.shares["bearings"] == pytest.approx(stiffness.shares["bearings"] * 2.0**-0.1)
 
 
 def test_measured_figures_take_the_place_of_computed_ones(drawing, tmp_path):
     measured = Measured(leg_axial=1e8, joint=2e8, leg_torsion=3e4, tilt_drive=4e5)
     properties = load_stiffness().model_copy(update={"measured": measured})
-    found = PartStiffness.of(drawing.dimensions, np.full(4, 0.6), 1700.0, properties)
+    found = PartStiffness.of(drawing.layout, np.full(4, 0.6), 1700.0, properties)
     assert (found.joint, found.tilt_drive) == (2e8, 4e5)
     assert np.all(found.leg_axial == 1e8) and np.all(found.leg_torsion == 3e4)
     (tmp_path / "stiffness.yaml").write_text("steel: {}\n", encoding="utf-8")

@@ -82,7 +82,7 @@ def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
     assert 500.0 * 9.81 < force < 2500.0 * 9.81
     assert sag - truss_sag_m(drawing, 0.0) == pytest.approx(500.0 * 9.80665 * 27.0 / (96.0 * 2.06e11 * inertia))
     cold = HeatedRobot(drawing).locate(POSE)
-    field = DisplacementField.of(cold).on(TrussMotion.under_weight(drawing.dimensions, sag))
+    field = DisplacementField.of(cold).on(TrussMotion.under_weight(drawing.layout, sag))
     truss = np.array(field.parts) == "truss"
     assert field.moved_m[~truss] == pytest.approx(np.tile([0.0, 0.0, -sag], (int(np.sum(~truss)), 1)), abs=1e-12)
     assert field.distance_m[truss].max() == pytest.approx(sag) and field.distance_m[truss].min() == 0.0
@@ -90,7 +90,7 @@ def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
 
 def test_the_hall_sees_truss_and_robot_together(drawing, state):
     field, heated = DisplacementField.of(state), HeatedRobot(drawing, HeatSection())
-    motion = TrussMotion.under_heat(drawing.dimensions, heated.truss(state), heated.network.properties)
+    motion = TrussMotion.under_heat(drawing.layout, heated.truss(state), heated.network.properties)
     seen = field.on(motion)
     of_robot = np.array(seen.parts) != "truss"
     origin = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])

@@ -34,7 +34,7 @@ def found(truss):
 
 def motion(robot, found, **degC):
     """Return where the truss goes at other temperatures."""
-    return TrussMotion.under_heat(robot.robot.dimensions, replace(found, **degC), robot.properties)
+    return TrussMotion.under_heat(robot.robot.layout, replace(found, **degC), robot.properties)
 
 
 def test_an_evenly_warm_truss_grows_and_does_not_turn(robot, found):
@@ -70,7 +70,7 @@ def test_one_warm_girder_turns_the_platform_about_x(robot, found):
 
 
 def test_inside_a_girder_plates_exchange_what_crossed_strings_say(robot, found):
-    matrix = network_of_truss._inside_girders(robot.robot.dimensions, 1.0).toarray()
+    matrix = network_of_truss._inside_girders(robot.robot.layout, 1.0).toarray()
     count, cells = matrix.shape[0] // 2, network_of_truss.GIRDER_CELLS
     assert np.allclose(matrix.sum(axis=1), 0.0, atol=1e-20) and np.array_equal(matrix, matrix.T)
     assert not matrix[:count, count:].any()

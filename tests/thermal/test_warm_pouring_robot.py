@@ -63,7 +63,7 @@ def test_warm_robots_and_what_is_found_with_them_go_to_other_processes(heated):
     assert again.drives == found.drives and again.state.field.leg_degC.tolist() == found.state.field.leg_degC.tolist()
     assert compensate(robot, POSE).drives == pytest.approx(found.drives, abs=1e-12)
     assert robot.network.properties == heated.network.properties
-    assert robot.robot.layout.entry == heated.robot.layout.entry
+    assert robot.robot.layout == heated.robot.layout
     assert repr(heated).startswith("<HeatedRobot: layout paper, melt_degC=None ") and "\n" not in repr(heated)
     assert repr(found.state).startswith("<WarmState: ladle_lip is ") and "\n" not in repr(found.state)
     with pytest.raises(BadInputError, match="how much parts have grown is a ThermalExpansion, not a float"):

@@ -74,9 +74,9 @@ class Moved:
             loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
             carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
             sag = truss_sag_m(drawing, melt, parts)
-        state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.dimensions, sag)
+        state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.layout, sag)
         if warm := carried.truss(state):
-            motion += TrussMotion.under_heat(drawing.dimensions, warm, heated.network.properties)
+            motion += TrussMotion.under_heat(drawing.layout, warm, heated.network.properties)
         return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)
 
 

@@ -77,7 +77,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
     robot = robot_of(model)
     if isinstance(robot, PouringRobot):
         plan = random_plan(robot, count, seed)
-        span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
+        span = campaign.metadata.truss_span_m or robot.layout.truss.span.metres
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
         poses = tuple(pose.to_se3() for pose in plan.poses if isinstance(pose, PlatformPose))
         return poses, plan.drives, robot.layout.ladle.payload.value, travels

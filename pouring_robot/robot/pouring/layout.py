@@ -1,8 +1,8 @@
-"""The dimensions file: what Python needs of it, in SI units, and the URDF made of it; its schema is ``layout_schema``.
+"""The dimensions file: its layouts, and the URDF made of one; its schema is ``layout_schema``.
 
 The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
-file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key). Then
-it reads the few things a URDF cannot hold: the workspace, the ladle's payload, the required accuracy.
+file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key), for the few
+things that a URDF cannot hold as well: the workspace, the ladle's payload, the required accuracy.
 
 A file that is missing or wrong raises DescriptionError, which names file, line and key; a layout that it does not hold
 UnknownLayoutError.
@@ -12,54 +12,25 @@ import importlib.metadata
 import math
 import reprlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.files import read_text
 from pouring_robot.io.typed_yaml import parse_yaml, validate
-from pouring_robot.mechanism.arrays import grid, read_only
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring import layout_schema
-from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
+from pouring_robot.robot.pouring.layout_schema import Layout, LayoutsFile
 from pouring_robot.robot.pouring.names import CHAINS
 
 # YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # The mesh is made of flat facets, so its outline lies up to 0.3 % inside the true one.
 _MESH_TOLERANCE = 0.005
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """What Python needs of one layout, in SI units. Arrays are read-only."""
-
-    name: str  # its name in the file
-    path: Path  # the file
-    entry: LayoutEntry  # sizes of every part, as the file has them
-    # lower and upper corner of the workspace, (4,) each: x, y, z of the moving platform's origin in the fixed platform,
-    # in m, and its tilt about y, in rad
-    box: tuple[NDArray[np.float64], NDArray[np.float64]]
-    accuracy_m: float  # required accuracy of the ladle
-    fixed_centres_m: NDArray[np.float64]  # (4, 3) upper U-joint centres A_i in the fixed platform
-    moving_centres_m: NDArray[np.float64]  # (4, 3) lower U-joint centres B_i in the moving platform
-    truss_span_m: float  # length over which ``truss_travel`` runs
-
-    @property
-    def ladle(self) -> Ladle:
-        """The ladle; positions are in the moving platform's frame."""
-        return self.entry.ladle
-
-    def grid(self, *shares: ArrayLike) -> NDArray[np.float64]:
-        """Return poses at all combinations of shares (0 to 1) of the box along x, y, z and tilt, shape (n, 4)."""
-        lower, upper = self.box
-        return np.asarray(lower + (upper - lower) * grid(*shares))
 
 
 def shipped_layouts_file() -> Path:
@@ -74,26 +45,12 @@ def layout_names(layouts_file: Path | None = None) -> tuple[str, ...]:
 
 
 def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout:
-    """Return one layout of a dimensions file (default: the shipped one) in SI units."""
+    """Return one layout of a dimensions file (default: the shipped one)."""
     path = layouts_file or shipped_layouts_file()
-    entry = check_layout(name, path, read_text(path))
-    workspace = entry.workspace
-    edges = workspace.x.metres, workspace.y.metres, workspace.z.metres, workspace.tilt.radians
-    lower, upper = (read_only(np.array(corner)) for corner in zip(*edges, strict=True))
-    return Layout(
-        name=name,
-        path=path,
-        entry=entry,
-        box=(lower, upper),
-        accuracy_m=workspace.accuracy.metres,
-        fixed_centres_m=read_only(np.array(entry.fixed_centres.metres)),
-        moving_centres_m=read_only(np.array(entry.moving_centres.metres)),
-        truss_span_m=entry.truss.span.metres,
-    )
+    return _layout_in(path, read_text(path), name)
 
 
-def check_layout(name: str, path: Path, text: str) -> LayoutEntry:
-    """Return the checked entry of a layout from the text of a dimensions file."""
+def _layout_in(path: Path, text: str, name: str) -> Layout:
     layouts = _parse(path, text).layouts
     if name not in layouts:
         raise UnknownLayoutError(name, tuple(layouts), path)
@@ -137,9 +94,10 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
         raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
 
 
-def stale_mesh_note(layout: Layout) -> str | None:
+def stale_mesh_note(name: str, layouts_file: Path | None) -> str | None:
     """Return a line that says so if the ladle's mesh has another size than the dimensions file; otherwise None."""
-    ladle = layout.ladle
+    file = layouts_file or shipped_layouts_file()
+    ladle = load_layout(name, file).ladle
     path = description_folder() / "meshes" / ladle.mesh.value
     if not path.is_file():  # whoever draws it says that it is missing
         return None
@@ -154,7 +112,7 @@ def stale_mesh_note(layout: Layout) -> str | None:
         return None
     return (
         f"the ladle is drawn from {ladle.mesh.value}, which is {off * 1e3:.0f} mm off the dimensions in "
-        f"{layout.path.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
+        f"{file.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
     )
 
 
@@ -180,7 +138,7 @@ def render_urdf(
         raise ValueError(f"chain_order must hold 1, 2, 3 and 4 once each, not {tuple(chain_order)}")
     path = (layouts_file or shipped_layouts_file()).absolute()
     dimensions = read_text(path)
-    check_layout(layout, path, dimensions)
+    _layout_in(path, dimensions, layout)
     folder = description_folder() / "urdf"
     arguments = {"layout": layout, "chains": " ".join(str(chain) for chain in chain_order)}
     parts = [f"{key}={value}" for key, value in arguments.items()]

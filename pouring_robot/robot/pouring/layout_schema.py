@@ -6,10 +6,13 @@ numbers that are not finite are refused. The properties ``metres`` and ``radians
 
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field, PositiveFloat
 
 from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.io.units import UNITS
+from pouring_robot.mechanism.arrays import FloatArray, grid
 
 _PER_SI = UNITS["length"] | UNITS["angle"]
 
@@ -240,16 +243,28 @@ class Common(Entries):
     materials: Materials
 
 
-class LayoutEntry(Common):
-    """One layout, complete."""
+class Layout(Common):
+    """One layout, complete: sizes of every part, as the file has them."""
 
     fixed_centres: Centres
     moving_centres: Centres
     joint_limits: JointLimits
+
+    @property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper corner of the workspace, (4,) each: x, y, z of the moving platform in m, its tilt in rad."""
+        at = self.workspace
+        lower, upper = np.transpose([at.x.metres, at.y.metres, at.z.metres, at.tilt.radians])
+        return lower, upper
+
+    def grid(self, *shares: ArrayLike) -> FloatArray:
+        """Return poses at all combinations of shares (0 to 1) of the box along x, y, z and tilt, shape (n, 4)."""
+        lower, upper = self.box
+        return np.asarray(lower + (upper - lower) * grid(*shares))
 
 
 class LayoutsFile(StrictModel):
     """The dimensions file."""
 
     common: Common | None = None
-    layouts: Annotated[dict[str, LayoutEntry], Field(min_length=1)]
+    layouts: Annotated[dict[str, Layout], Field(min_length=1)]

@@ -68,7 +68,7 @@ class NewLayout:
     def usual(cls) -> Self:
         """Return the paper's robot, under a name of its own."""
         paper = load_layout()
-        corners = [np.ptp(centres[:, :2], axis=0) / MM for centres in (paper.fixed_centres_m, paper.moving_centres_m)]
+        corners = [np.ptp(one.metres, axis=0)[:2] / MM for one in (paper.fixed_centres, paper.moving_centres)]
         *edges, tilt = np.transpose(paper.box)
         sizes = (*corners, *(edge / MM for edge in edges), np.degrees(tilt))
         fixed, moving, x, y, z, turn = ((round(float(a), 3), round(float(b), 3)) for a, b in sizes)

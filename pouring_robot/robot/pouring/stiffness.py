@@ -24,7 +24,7 @@ from pydantic import PositiveFloat
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Entry, LayoutEntry, Length
+from pouring_robot.robot.pouring.layout_schema import Entry, Layout, Length
 
 Modulus = Entry[PositiveFloat, Literal["N/m2"]]
 Axial = Entry[PositiveFloat, Literal["N/m"]]
@@ -96,7 +96,7 @@ class PartStiffness:
 
     @classmethod
     def of(
-        cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
+        cls, layout: Layout, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
     ) -> Self:
         """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
         given = properties or load_stiffness()

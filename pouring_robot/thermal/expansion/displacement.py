@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.expansion.truss import TrussMotion, TrussTemperatures
 from pouring_robot.thermal.expansion.warm_pouring_robot import WarmState
@@ -42,7 +42,7 @@ class DisplacementField:
         ``ladle_degC``: of the ladle's steel; by default the network's shell, or the drawing's when cold.
         ``ladle_from_o``: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
         """
-        robot, expansion, layout = state.robot, state.robot.expansion, state.robot.dimensions
+        robot, expansion, layout = state.robot, state.robot.expansion, state.robot.layout
         drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)
         poses = robot.nominal_solver.solve(drives, start).pose_base_to_end, state.result.pose_base_to_end
         fixed, moving = np.array(layout.fixed_centres.metres), np.array(layout.moving_centres.metres)
@@ -163,7 +163,7 @@ def _outline(corners: FloatArray) -> FloatArray:
     return np.concatenate([a + shares * (b - a) for a, b in zip(around, np.roll(around, -1, axis=0), strict=True)])
 
 
-def _ladle_points(layout: LayoutEntry) -> tuple[FloatArray, FloatArray]:
+def _ladle_points(layout: Layout) -> tuple[FloatArray, FloatArray]:
     """Return points of the ladle in the moving platform: rim, middle, bottom and lip; and its trunnions' middle."""
     ladle = layout.ladle
     rim, height = ladle.rim_centre.metres, ladle.height.metres

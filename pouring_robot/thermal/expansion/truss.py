@@ -23,7 +23,7 @@ from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit, grey_radiation, integrate, laplacian, steady_temperatures
@@ -56,7 +56,7 @@ class TrussNetwork:
 
     def __init__(self, robot: ThermalNetwork) -> None:
         self._robot = robot
-        layout = robot.robot.dimensions
+        layout = robot.robot.layout
         self._girders = _girder_cells(layout)
         self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
         urdf = robot.robot.model.definition.urdf()
@@ -114,7 +114,7 @@ def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes_m: FloatArray) 
     return np.asarray(1.0 - hidden.mean(axis=1))
 
 
-def _girder_cells(layout: LayoutEntry) -> BarCells:
+def _girder_cells(layout: Layout) -> BarCells:
     """Return the cells of both girders' plates in the fixed platform, without the faces inside the boxes."""
     truss = layout.truss
     wall, up = truss.girder_wall.metres, truss.platform_drop.metres
@@ -138,7 +138,7 @@ def _girder_cells(layout: LayoutEntry) -> BarCells:
     return replace(cells, face_area_m2=np.where(inside, 0.0, cells.face_area_m2))
 
 
-def _inside_girders(layout: LayoutEntry, emissivity: float) -> scipy.sparse.csc_array:
+def _inside_girders(layout: Layout, emissivity: float) -> scipy.sparse.csc_array:
     """Return what the plates of each girder radiate to each other, cell by cell along it, in W/K⁴."""
     truss, wall = layout.truss, layout.truss.girder_wall.metres
     wide, high = truss.girder_width.metres - 2.0 * wall, truss.girder_height.metres - 2.0 * wall
@@ -177,7 +177,7 @@ class TrussMotion:
         return np.asarray(self.shift_m + np.cross(self.turn_rad, points_m))
 
     @classmethod
-    def under_weight(cls, layout: LayoutEntry, sag_m: float) -> Self:
+    def under_weight(cls, layout: Layout, sag_m: float) -> Self:
         """Return it for girders that sag in their middle, as under a force there."""
         points = _points(layout)
         near = 0.5 - np.abs(points[: 2 * _ALONG, 0]) / layout.truss.gauge.metres
@@ -186,7 +186,7 @@ class TrussMotion:
         return cls(points, share[:, None] * down, down, np.zeros(3))
 
     @classmethod
-    def under_heat(cls, layout: LayoutEntry, found: TrussTemperatures, properties: ThermalProperties) -> Self:
+    def under_heat(cls, layout: Layout, found: TrussTemperatures, properties: ThermalProperties) -> Self:
         """Return it for temperatures."""
         truss, points = layout.truss, _points(layout)
         height, wheel = truss.girder_height.metres, truss.wheel_radius.metres
@@ -215,7 +215,7 @@ class TrussMotion:
         return cls(points, np.concatenate([moved.reshape(-1, 3), level.reshape(-1, 3)]), shift, leans[1] + tilts[1])
 
 
-def _points(layout: LayoutEntry) -> FloatArray:
+def _points(layout: Layout) -> FloatArray:
     """Return points along both girders, then axles and feet of the four uprights, shape (2 · 11 + 8, 3), in m."""
     truss = layout.truss
     bar, up = truss.trolley_bar.metres, truss.platform_drop.metres

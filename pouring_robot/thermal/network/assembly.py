@@ -61,7 +61,7 @@ class ThermalNetwork:
         self.robot = robot or PouringRobot()
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
-        entry, urdf = self.robot.dimensions, self.robot.model.definition.urdf()
+        entry, urdf = self.robot.layout, self.robot.model.definition.urdf()
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
         per_bar = max(2, elements_per_leg // 5) if elements_per_bar is None else elements_per_bar
         per_bar = whole(per_bar, 1, "a bar needs a whole number of elements, at least 1")

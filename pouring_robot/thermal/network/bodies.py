@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, Indices
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import chain_links, laplacian
@@ -61,11 +61,11 @@ class Bodies:
     area_m2: FloatArray  # surface that meets air, of all nodes but the legs', whose changes with the pose, shape (n,)
     # the same times its view factor, of the moving platform, which goes with the ladle; zero for what goes by itself
     view_area_m2: FloatArray
-    entry: LayoutEntry
+    entry: Layout
     properties: ThermalProperties
 
     @classmethod
-    def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
+    def of(cls, urdf: str, entry: Layout, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
         """Cut them, ``bars``: cells of each bar; and look at the melt from every face of the moving platform's."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
         boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]

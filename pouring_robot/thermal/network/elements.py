@@ -19,7 +19,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.urdf import origin_pose
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry, Leg
+from pouring_robot.robot.pouring.layout_schema import Layout, Leg
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
@@ -149,7 +149,7 @@ class LadleSections:
     trunnion_length_m: float  # from shell to hanger
 
     @classmethod
-    def of(cls, entry: LayoutEntry) -> Self:
+    def of(cls, entry: Layout) -> Self:
         """Work them out from a layout, with the cone of ``ladle.urdf.xacro``."""
         ladle, platform = entry.ladle, entry.moving_platform
         top, bottom, height = ladle.outer_radius_top.metres, ladle.outer_radius_bottom.metres, ladle.height.metres

@@ -153,12 +153,12 @@ def lesson(study: GeometryStudy) -> Lesson:
     return Lesson(
         ratios=(rows[0].ratio, rows[1].ratio, rows[2].ratio),
         over_1mm=over(MM),
-        over_10mm=over(study.layout.accuracy_m),
+        over_10mm=over(study.layout.workspace.accuracy.metres),
         without_effect=tuple(name for name, none in zip(own.labels, idle, strict=True) if none),
         weaker=float(np.mean(distances[1] < distances[0])),
         first_order=(float(gap[worst]) / MM, float(closed.distance_m[worst]) / MM),
         first_order_tenth=float(np.linalg.norm(0.1 * linear - tenth, axis=-1).max()) / MM,
-        lean_m=abs(abs(study.layout.fixed_centres_m[0][1]) - abs(study.layout.moving_centres_m[0][1])),
+        lean_m=abs(abs(study.layout.fixed_centres.metres[0][1]) - abs(study.layout.moving_centres.metres[0][1])),
         leg_y_m=float(own.mean_m[own.labels.index("d4"), 1]),
         left_open=study.closure.left_open,
     )

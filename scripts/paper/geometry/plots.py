@@ -22,13 +22,13 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
     figure = new_figure(10.0, 6.6)
     panels = figure.subplots(1, 3, sharey=True, sharex=True)
     rows = np.arange(len(opened.labels))[::-1]
-    floor = 1e-3
+    floor, required_mm = 1e-3, study.layout.workspace.accuracy.metres / MM
     for a, (panel, axis, ratio) in enumerate(zip(panels, AXES, axis_rows(study), strict=False)):
         before, after = (np.maximum(errors.mean_m[:, a] / MM, floor) for errors in (opened, closed))
         panel.hlines(rows, before, after, color="#cccccc", linewidth=1.4)
         panel.plot(before, rows, "o", color=STEEL, markersize=5, label="open branch", fillstyle="none")
         panel.plot(after, rows, "o", color=BRICK, markersize=5, label="closed chain")
-        panel.axvline(study.layout.accuracy_m / MM, color=ASH, linewidth=0.9, linestyle="--")
+        panel.axvline(required_mm, color=ASH, linewidth=0.9, linestyle="--")
         panel.set_xscale("log")
         panel.set_xlim(0.8 * floor, 60.0)
         panel.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["≤0.001", "0.01", "0.1", "1", "10"])
@@ -36,9 +36,7 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
         panel.set_xlabel("mean over poses, mm")
         panel.set_yticks(rows, opened.labels, **_SMALL)
         tidy(panel)
-        panel.text(
-            study.layout.accuracy_m / MM, rows[0] + 0.6, f"{study.layout.accuracy_m / MM:g} mm required", **_NOTE
-        )
+        panel.text(required_mm, rows[0] + 0.6, f"{required_mm:g} mm required", **_NOTE)
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=9, frameon=False
     )

@@ -66,7 +66,7 @@ class GeometryReport(PaperReport):
     def heading(self) -> str:
         """What was computed, on one line."""
         return (
-            f"layout {self.study.layout.name}, {len(self.study.command)} poses drawn from its workspace, "
+            f"layout {self.study.layout_name}, {len(self.study.command)} poses drawn from its workspace, "
             f"seed {self.study.seed}; errors of {LENGTH_ERROR_M / MM:g} mm and {ANGLE_ERROR_RAD / MRAD:g} mrad, "
             "one at a time, seen at o"
         )
@@ -127,7 +127,7 @@ class GeometryReport(PaperReport):
         """Return all figures, ready for JSON."""
         layout = self.study.layout
         return {
-            "layout": layout.name,
+            "layout": self.study.layout_name,
             "poses": len(self.study.command),
             "seed": self.study.seed,
             "workspace": {

@@ -129,7 +129,7 @@ def both_signs(study: OpenStudy, errors: ErrorSamples) -> Claim:
     piles = {"α56": peak(-errors.along("α56")), "θ4": peak(errors.along("θ4"))}
     signs = {label: float(np.sign(place)) for label, (place, _, _) in piles.items()}
     near = [abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0 for place, _, times in piles.values()]
-    half_width = float(np.abs(study.layout.moving_centres_m[0][1]))
+    half_width = float(np.abs(study.layout.moving_centres.metres[0][1]))
     return Claim(
         "both_signs",
         "4.4, Fig. 5",

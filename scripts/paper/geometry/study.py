@@ -27,7 +27,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.dh.table import DHParameter, DHTable
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.sensitivity import samples
 from scripts.paper.geometry.closure import ClosedChainStudy, rotation_vectors
 
@@ -105,7 +106,8 @@ class OpenStudy:
     """What the claims on open branches are judged by.
 
     Attributes:
-        layout: of the robot.
+        layout_name: of the robot.
+        layout: its sizes.
         table: its DH table.
         seed: that the poses were drawn with.
         command: the poses where the errors were put in.
@@ -113,6 +115,7 @@ class OpenStudy:
         lip_lever_m: distance from o to the pouring lip, in m.
     """
 
+    layout_name: str
     layout: Layout
     table: DHTable
     seed: int
@@ -156,7 +159,7 @@ def run_open_study(model: RobotModel, count: int, seed: int, *, chain: int | Non
     table = DHTable.from_mechanism(mechanism)
     command = draw_poses(layout, FourUPUKinematics(mechanism), count, seed, tilt_sign)
     errors = open_branch_errors(table, table.selection(chain=chain), command)
-    return OpenStudy(layout, table, seed, command, errors, _lip_lever(mechanism))
+    return OpenStudy(model.layout, layout, table, seed, command, errors, _lip_lever(mechanism))
 
 
 def run_study(layout_name: str, count: int, seed: int, progress: Progress = say_nothing) -> GeometryStudy:

@@ -61,7 +61,7 @@ class ThermalReport(PaperReport):
         """What was computed, on one line."""
         study = self.study
         return (
-            f"layout {study.layout.name}, {len(study.poses)} poses at 10° of tilt, seed {study.seed}, "
+            f"layout {study.layout}, {len(study.poses)} poses at 10° of tilt, seed {study.seed}, "
             f"{len(study.melts_degC)} melt temperatures; properties of thermal.yaml, nothing tuned"
         )
 
@@ -94,7 +94,7 @@ class ThermalReport(PaperReport):
         """Return all figures, ready for JSON."""
         study = self.study
         return {
-            "layout": study.layout.name,
+            "layout": study.layout,
             "seed": study.seed,
             "poses": [dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), p.to_mm_deg(), strict=True)) for p in study.poses],
             "melts_degC": list(study.melts_degC),

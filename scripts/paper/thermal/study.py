@@ -16,7 +16,7 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
@@ -139,7 +139,7 @@ class ThermalStudy:
     """Everything computed.
 
     Attributes:
-        layout: workspace and sizes.
+        layout: name of the layout.
         seed: of all drawings.
         poses: the ten poses.
         melts_degC: the melt temperatures.
@@ -154,7 +154,7 @@ class ThermalStudy:
         other_draws: drawings in the other layout (``wide``, or ``paper`` for another than that).
     """
 
-    layout: Layout
+    layout: str
     seed: int
     poses: list[PlatformPose]
     melts_degC: tuple[float, ...]
@@ -217,7 +217,7 @@ def _box(network: ThermalNetwork, random: np.random.Generator, count: int, tilt_
         hot = DisplacementField.of(state, LADLE_STEEL_DEGC, ladle_from_o=True)
         truss = heated.truss(state)
         assert truss is not None  # it is warm
-        hall = own.on(TrussMotion.under_heat(robot.dimensions, truss, heated.network.properties))
+        hall = own.on(TrussMotion.under_heat(robot.layout, truss, heated.network.properties))
         of_parts = own.mean_m, own.largest_m, hung.largest_m, hot.mean_m, hot.largest_m, hall.largest_m
         found.append(BoxPose(o, *of_parts))
     return found
@@ -294,7 +294,7 @@ def run_thermal_study(
             drawn[own].append(_draw(network if own else beside, number, left_out=own))
             step()
     return ThermalStudy(
-        robot.layout,
+        model.layout,
         seed,
         poses,
         MELTS_DEGC,
