@@ -16,6 +16,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wro
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.gross_errors import check_rows
 from pouring_robot.checks.held import held_rows
+from pouring_robot.checks.smooth_errors import Aligned
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.thermometers import check_thermometers
 from pouring_robot.checks.units_and_axes import Comparison
@@ -49,9 +50,10 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
     found += check_thermometers(campaign)
     if frames.fit is not None:
-        found += check_rows(campaign, drawing, frames.data, frames.fit)
+        aligned = Aligned(campaign, drawing, frames.data, frames.fit)
+        found += check_rows(aligned)
         if not any(flag.severity is Severity.ERROR for flag in found):  # an error scatters the rows by itself
-            found += check_noise(campaign, drawing, frames.data, frames.fit, wrong_rows(found))
+            found += check_noise(aligned, wrong_rows(found))
     order = list(Severity)
     # Too small a noise makes findings of chance: it is said before anything else of its kind.
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))

@@ -7,7 +7,7 @@ pose and conditions explains is taken. What a fit does with those that pass:
 :mod:`pouring_robot.inference.gross_errors`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +19,9 @@ from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
 from pouring_robot.checks.smooth_errors import (
     ROWS_PER_TERM,
     TELLING_ROWS,
-    base_residuals,
+    Aligned,
     drive_errors,
     foretelling,
-    joint_terms,
     leftover,
     robust_fit,
     sized,
@@ -36,7 +35,6 @@ from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.robot.description.drawing import Drawing
 
 GROSS_SIGMAS = 8.0
 """A row holds a gross error beyond so many robust deviations: in the pose, in the drives that would explain it, and of
@@ -48,12 +46,13 @@ _TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their 
 _FEWEST = 12
 
 
-def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
-    """Yield gross errors, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
+def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
+    """Yield gross errors, unreachable poses and jumps."""
+    campaign, data, fit = aligned.campaign, aligned.data, aligned.fit
     rows = np.flatnonzero(data.poses.complete & campaign.usable)
     if rows.size < _FEWEST or data.inverted:
         return
-    score = scores_of(campaign, drawing, data, fit)
+    score = scores_of(aligned)
     distance = np.linalg.norm(np.nan_to_num(fit.position_residual_m), axis=1)
     angle = np.zeros(len(campaign))
     plain = distance / max(fit.position_scale_m, 1e-12)
@@ -64,59 +63,59 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
     wrong = np.flatnonzero((score > GROSS_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * GROSS_SIGMAS)))
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
     if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
-        beyond = np.minimum(_beyond_joints(campaign, drawing, data, fit, wrong), score[wrong])
+        beyond = np.minimum(_beyond_joints(aligned, wrong), score[wrong])
         # Under conditions that no other row had nobody knows what is right.
         uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
         wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     alone = _not_together(data, fit, apart, campaign.metadata.metres_per_rad)
     single = np.intersect1d(wrong, alone)
-    steps = list(jumps(campaign, drawing, data, fit, single))
+    steps = list(jumps(aligned, single))
     for row in (single if steps else wrong).tolist():
         yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
     hidden = np.setdiff1d(alone[far[alone]], wrong)
     if hidden.size > _HIDING * rows.size:  # near a singular pose small errors of drives take a sound row as far
-        _, pose, floors = base_residuals(campaign, data, fit)
-        by_drives = np.abs(_by_drives(campaign, drawing, data, fit, pose, floors)[0][hidden]).max(axis=1)
+        by_drives = np.abs(_by_drives(aligned)[0][hidden]).max(axis=1)
         if np.count_nonzero(by_drives > _IMPOSSIBLE_M) > _HIDING * rows.size:
             yield _belonging_elsewhere(
                 campaign, hidden, float(np.median(distance[hidden])), float(np.median(angle[hidden]))
             )
 
 
-def scores_of(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
+def scores_of(aligned: Aligned) -> FloatArray:
     """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
 
     The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off, or what they
     leave. Near a singular pose the first is large for a sound row, but not the second.
     """
-    terms, pose, floors = base_residuals(campaign, data, fit)
+    (terms, pose), floors = aligned.smooth, aligned.floors
     in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
-    drives, left = _by_drives(campaign, drawing, data, fit, pose, floors)
+    drives, left = _by_drives(aligned)
     by_drives = [unexplained(terms, errors, floors[0]) for errors in drives.T]
     beside = [unexplained(terms, left[:, k], floor) for k, floor in enumerate(floors)]
     return np.asarray(np.minimum(in_pose, np.max([*by_drives, *beside], axis=0)), dtype=np.float64)
 
 
-def _by_drives(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, pose: FloatArray, floors: Sequence[float]
-) -> tuple[FloatArray, FloatArray]:
+def _by_drives(aligned: Aligned) -> tuple[FloatArray, FloatArray]:
     """Return the errors of drives that would explain each row best, and what they leave; see :func:`drive_errors`."""
-    from_base = OuterFrames(pin.SE3.Identity(), fit.frames.T_end_target)
-    effect = target_effect(drawing, data.drives, from_base, drive_parameters(drawing.mechanism))
-    return drive_errors(effect, [drive.unit for drive in campaign.robot.drives], pose, floors[0] / floors[-1])
+    from_base = OuterFrames(pin.SE3.Identity(), aligned.fit.frames.T_end_target)
+    local = drive_parameters(aligned.drawing.mechanism)
+    effect = target_effect(aligned.drawing, aligned.data.drives, from_base, local)
+    return drive_errors(
+        effect, [drive.unit for drive in local], aligned.smooth[1], aligned.floors[0] / aligned.floors[-1]
+    )
 
 
-def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices) -> FloatArray:
+def _beyond_joints(aligned: Aligned, rows: Indices) -> FloatArray:
     """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
 
     A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
     where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
     """
-    smooth, pose, floors = base_residuals(campaign, data, fit)
-    used = np.union1d(rows, evenly(len(campaign), TELLING_ROWS))
-    terms = joint_terms(campaign, drawing, data, fit, used, floors).reshape(used.size * len(floors), -1)
+    (smooth, pose), floors = aligned.smooth, aligned.floors
+    used = np.union1d(rows, evenly(len(pose), TELLING_ROWS))
+    terms = aligned.joint_terms(used).reshape(used.size * len(floors), -1)
     residual = pose[used] / floors
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):

@@ -1,19 +1,16 @@
 """Jumps: places in a session from which on all measurements are shifted, as where tracker or target was moved."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
-from pouring_robot.checks.smooth_errors import ROWS_PER_TERM, TELLING_ROWS, base_residuals, joint_terms, robust_fit
-from pouring_robot.checks.units_and_axes import Comparison
-from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.checks.smooth_errors import ROWS_PER_TERM, TELLING_ROWS, Aligned, robust_fit
 from pouring_robot.estimation.noise import commands
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
-from pouring_robot.robot.description.drawing import Drawing
 
 _JUMP_SIGMAS = 5.0
 """A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
@@ -22,11 +19,11 @@ _JUMP_PLACES = 400
 _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 
 
-def jumps(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Indices) -> Iterator[DataFlag]:
+def jumps(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     """Yield the largest lasting step of each session's residuals, if there is a clear one."""
-    terms, pose, floors = base_residuals(campaign, data, fit, with_time=False)
+    campaign, (terms, pose) = aligned.campaign, aligned.smoothed(with_time=False)
     pose[wrong] = np.nan
-    inliers = np.asarray(np.isfinite(pose).all(axis=1) & data.poses.complete)
+    inliers = np.asarray(np.isfinite(pose).all(axis=1) & aligned.data.poses.complete)
     for session, members in campaign.rows_by_session().items():
         rows = members[inliers[members]]
         command = commands(campaign.drives[rows])
@@ -35,8 +32,8 @@ def jumps(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit,
         # With more terms than a quarter of the rows, they would explain any step.
         kept = terms[:, : max(1, rows.size // 4)]
         if rows.size >= 2 * JUMP_WINDOW:
-            jump = _jump(campaign, session, rows, kept[rows], pose[rows], np.array(floors))
-            if jump is not None and _beside_joints(campaign, drawing, data, fit, pose, floors, rows, jump.rows[0]):
+            jump = _jump(campaign, session, rows, kept[rows], pose[rows], np.array(aligned.floors))
+            if jump is not None and _beside_joints(aligned, pose, rows, jump.rows[0]):
                 yield jump
 
 
@@ -76,16 +73,7 @@ def _jump(
     )
 
 
-def _beside_joints(
-    campaign: Campaign,
-    drawing: Drawing,
-    data: Comparison,
-    fit: FrameFit,
-    pose: FloatArray,
-    floors: Sequence[float],
-    rows: Indices,
-    first: int,
-) -> bool:
+def _beside_joints(aligned: Aligned, pose: FloatArray, rows: Indices, first: int) -> bool:
     """Return whether residuals of a session's rows (k,) step from one on beside what errors of all joints do, too.
 
     Where an arm changes to another posture errors of its joints step with it. A campaign that is too short to tell
@@ -93,10 +81,10 @@ def _beside_joints(
     """
     before, behind = rows[rows < first], rows[rows >= first]
     some = [side[evenly(side.size, TELLING_ROWS)] for side in (before, behind)]
-    used = np.union1d(np.concatenate(some), evenly(len(campaign), TELLING_ROWS))
+    used, floors = np.union1d(np.concatenate(some), evenly(len(pose), TELLING_ROWS)), aligned.floors
     within = np.column_stack([np.isin(used, rows), np.isin(used, behind)]).astype(float)
     steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
-    terms = joint_terms(campaign, drawing, data, fit, used, floors)
+    terms = aligned.joint_terms(used)
     design = np.concatenate([terms, steps.reshape(used.size, len(floors), -1)], axis=2).reshape(pose[used].size, -1)
     values = (pose[used] / floors).ravel()
     known = np.isfinite(values) & np.isfinite(design).all(axis=1)

@@ -4,7 +4,9 @@ What they leave of each row, judged without itself, and its robust deviation; th
 (:mod:`pouring_robot.estimation.robust`).
 """
 
+import functools
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +22,6 @@ from pouring_robot.estimation.robust import huber_weights, tukey_weights
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import GeometricParameter
-from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
@@ -32,47 +33,61 @@ _GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no 
 _SLOW = ("time", "temperature")
 
 
-def base_residuals(
-    campaign: Campaign, data: Comparison, fit: FrameFit, *, with_time: bool = True
-) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return the smooth terms, residuals in base axes, (n, 3) or (n, 6), in m and rad, and their noise.
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """A campaign beside the nominal robot, both frames fitted."""
 
-    A missing cell is filled by what the other rows say of it; the noise is that of each column.
-    """
-    terms = _smooth_terms(campaign, at_one_place(campaign, data.poses), with_time)
-    stated = campaign.metadata
-    seen = [(fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
-    if fit.rotation_residual_rad is not None:
-        seen.append((fit.rotation_residual_rad, stated.sigma_rotation_rad or LEAST_NOISE))
-    whole = (np.column_stack([_filled(terms, column, noise) for column in residual.T]) for residual, noise in seen)
-    turned = [residual @ fit.frames.T_tracker_base.rotation for residual in whole]
-    return terms, np.concatenate(turned, axis=1), np.repeat([noise for _, noise in seen], 3).tolist()
+    campaign: Campaign
+    drawing: Drawing
+    data: Comparison  # its commands and measurements with the mistakes found undone
+    fit: FrameFit
 
+    @property
+    def _residuals(self) -> list[tuple[FloatArray, float]]:
+        """Those of positions and, if measured, rotations, (n, 3) each, in m and rad, with their noise."""
+        stated = self.campaign.metadata
+        found = [(self.fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
+        if self.fit.rotation_residual_rad is not None:
+            found.append((self.fit.rotation_residual_rad, stated.sigma_rotation_rad or LEAST_NOISE))
+        return found
 
-def joint_effect(
-    robot: RobotDefinition, drawing: Drawing, drives: FloatArray, frames: OuterFrames
-) -> tuple[FloatArray, FloatArray]:
-    """Return how the target moves with every drive, then every displacement of every joint, and a small error of each.
+    @functools.cached_property
+    def floors(self) -> list[float]:
+        """Noise of each column of residuals, 3 or 6."""
+        return np.repeat([noise for _, noise in self._residuals], 3).tolist()
 
-    Shapes (n, 6, p), see :func:`target_effect`; and (p,), 1 mm or 1 mrad.
-    """
-    catalogue = ParameterCatalogue(robot, drawing.mechanism)
-    local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
-    return target_effect(drawing, drives, frames, local), np.array([shown_in(parameter.unit)[1] for parameter in local])
+    @functools.cached_property
+    def smooth(self) -> tuple[FloatArray, FloatArray]:
+        """The smooth terms, and residuals in base axes, (n, 3) or (n, 6); a missing cell as others tell it."""
+        return self.smoothed(with_time=True)
 
+    def smoothed(self, *, with_time: bool) -> tuple[FloatArray, FloatArray]:
+        """Return :attr:`smooth`, or the same without terms of what changes slowly."""
+        terms = _smooth_terms(self.campaign, at_one_place(self.campaign, self.data.poses), with_time)
+        turn = self.fit.frames.T_tracker_base.rotation
+        whole = (np.column_stack([_filled(terms, one, floor) for one in seen.T]) for seen, floor in self._residuals)
+        return terms, np.concatenate([residual @ turn for residual in whole], axis=1)
 
-def joint_terms(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Indices, floors: Sequence[float]
-) -> FloatArray:
-    """Return what small errors of all joints and of the two frames do to the residuals of rows (k,), in their noise.
+    def joint_effect(self, rows: Indices) -> tuple[FloatArray, FloatArray]:
+        """Return how the target moves in rows (k,) with every drive, then every displacement of every joint.
 
-    Shape (k, 3 or 6, terms), in base axes, as :func:`base_residuals`; NaN where there is no pose.
-    """
-    effect, small = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
-    frames = fit.frames.jacobian(data.poses[rows]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
-    turn = np.kron(np.eye(2), fit.frames.T_tracker_base.rotation.T)
-    terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(floors)]
-    return np.asarray(terms / np.array(floors)[:, None])
+        Shape (k, 6, p), see :func:`target_effect`; with it a small error of each, (p,), 1 mm or 1 mrad.
+        """
+        catalogue = ParameterCatalogue(self.campaign.robot, self.drawing.mechanism)
+        local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
+        effect = target_effect(self.drawing, self.data.drives[rows], self.fit.frames, local)
+        return effect, np.array([shown_in(parameter.unit)[1] for parameter in local])
+
+    def joint_terms(self, rows: Indices) -> FloatArray:
+        """Return what small errors of all joints and of the two frames do to residuals of rows (k,), in their noise.
+
+        Shape (k, 3 or 6, terms), in base axes, as :attr:`smooth`; NaN where there is no pose.
+        """
+        effect, small = self.joint_effect(rows)
+        frames = self.fit.frames.jacobian(self.data.poses[rows]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
+        turn = np.kron(np.eye(2), self.fit.frames.T_tracker_base.rotation.T)
+        terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(self.floors)]
+        return np.asarray(terms / np.array(self.floors)[:, None])
 
 
 def target_effect(

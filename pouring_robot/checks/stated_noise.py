@@ -27,9 +27,7 @@ from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.checks.smooth_errors import condition_terms, joint_effect
-from pouring_robot.checks.units_and_axes import Comparison
-from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.checks.smooth_errors import Aligned, condition_terms
 from pouring_robot.estimation.noise import FALSE_ALARMS
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
@@ -97,10 +95,9 @@ class Scatter:
         return 2.0 * (float(stated.fun) - self._best[0]) > float(chdtri(1, 2.0 * FALSE_ALARMS))
 
 
-def check_noise(
-    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Indices
-) -> Iterator[DataFlag]:
-    """Yield rounded drives or too small a noise, given data whose mistakes are undone, and the rows to leave out."""
+def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
+    """Yield rounded drives or too small a noise, given the rows to leave out."""
+    campaign, data = aligned.campaign, aligned.data
     sound = data.poses.complete & campaign.usable & np.isfinite(data.position_m).all(axis=1)
     sound[wrong] = False
     rows = np.flatnonzero(sound)
@@ -109,8 +106,8 @@ def check_noise(
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
     rows = rows[evenly(rows.size, _MOST_ROWS)]
-    effect = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
-    scatters = _scatters(campaign, data, fit, rows, effect)
+    effect = aligned.joint_effect(rows)
+    scatters = _scatters(aligned, rows, effect)
     if not scatters:
         return
     rounded = list(_rounded(campaign, scatters))
@@ -118,14 +115,14 @@ def check_noise(
     if rounded or not all(one.too_small for one in scatters):
         return
     # What weight does takes a closure a row, waves are many: they are worked out only where they may be what scatters.
-    by_drive = list(_by_weight(campaign, drawing, data.drives[rows], rows))
-    scatters = _scatters(campaign, data, fit, rows, effect, by_drive)
+    by_drive = list(_by_weight(campaign, aligned.drawing, data.drives[rows], rows))
+    scatters = _scatters(aligned, rows, effect, by_drive)
     if not all(one.too_small for one in scatters):
         return
     # Of few rows each of these explains a part of any noise: it may clear it, but how large it is the others say.
     warm = (np.tile(values, (len(effect[1]), 1)).T for values in _conditions(campaign, rows, "temperature"))
     more = (_by_all(data.drives[rows]), _by_own_place(campaign, data.drives[rows]), warm)
-    tried = (_scatters(campaign, data, fit, rows, effect, (*by_drive, *causes)) for causes in more)
+    tried = (_scatters(aligned, rows, effect, (*by_drive, *causes)) for causes in more)
     if all(one.too_small for beside in tried for one in beside):
         least = min(scatters, key=lambda one: one.factor)
         stated = campaign.metadata.sigma_position_m / MM
@@ -138,19 +135,14 @@ def check_noise(
 
 
 def _scatters(
-    campaign: Campaign,
-    data: Comparison,
-    fit: FrameFit,
-    rows: Indices,
-    effect: tuple[FloatArray, FloatArray],
-    more: Iterable[FloatArray] = (),
+    aligned: Aligned, rows: Indices, effect: tuple[FloatArray, FloatArray], more: Iterable[FloatArray] = ()
 ) -> list[Scatter]:
     """Return what each component of some rows scatters by.
 
-    ``effect`` is that of every joint, see :func:`joint_effect`; ``more`` are more causes, an error in the rows of every
-    drive, (n, D) each, or of all that the effect is of, (n, p).
+    ``effect`` is that of every joint, see :meth:`Aligned.joint_effect`; ``more`` are more causes, an error in the rows
+    of every drive, (n, D) each, or of all that the effect is of, (n, p).
     """
-    moved, units = effect
+    campaign, data, fit, (moved, units) = aligned.campaign, aligned.data, aligned.fit, effect
     frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
     yielding = drives * units[: drives.shape[2]]

@@ -8,7 +8,7 @@ import pytest
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
-from pouring_robot.checks.smooth_errors import joint_terms
+from pouring_robot.checks.smooth_errors import Aligned
 from pouring_robot.mechanism.rotations import rotation_vectors
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine
@@ -121,13 +121,13 @@ def test_an_arm_that_changes_its_posture_is_no_tracker_that_was_moved(arm, first
 
 def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch):
     """Errors of all joints in 20,000 rows would take gigabytes; many fewer tell as much, some on either side."""
-    asked = []
+    asked, joint_terms = [], Aligned.joint_terms
 
-    def terms(campaign, drawing, data, fit, rows, floors):
+    def terms(aligned, rows):
         asked.append(len(rows))
-        return joint_terms(campaign, drawing, data, fit, rows, floors)
+        return joint_terms(aligned, rows)
 
-    monkeypatch.setattr("pouring_robot.checks.jumps.joint_terms", terms)
+    monkeypatch.setattr(Aligned, "joint_terms", terms)
     monkeypatch.setattr("pouring_robot.checks.jumps.TELLING_ROWS", 60)
     place = np.array(arm.campaign.position_m)
     place[160:] += 0.005
