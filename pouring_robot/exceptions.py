@@ -7,12 +7,13 @@ takes are the error's attributes.
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import enum
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,6 +53,13 @@ class PouringRobotError(Exception):
     """Base of all errors of this package."""
 
     exit_code = ExitCode.FAULT
+
+    def __str__(self) -> str:
+        return " ".join(super().__str__().splitlines())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy it as it is: what its constructor takes is not the line that Python would give it."""
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)  # type: ignore[attr-defined]
 
 
 class BadInputError(PouringRobotError):
