@@ -62,8 +62,11 @@ class Table:
     def refuse_others(self, known: Sequence[str]) -> None:
         """Refuse headings that are none of these, and those that stand twice."""
         for heading in self.headings:
+            if not heading:
+                mend = "name it, or take it out; pandas writes its index so, and not with index=False"
+                raise self.heading_fault(f"a column has no heading; {mend}")
             if heading not in known:
-                with_unit = [name for name in known if name.startswith(f"{heading}_")] if heading else []
+                with_unit = [name for name in known if name.startswith(f"{heading}_")]
                 said = f" names no unit; write {' or '.join(with_unit)}" if with_unit else closest(heading, known)
                 raise self.heading_fault(f"unknown column '{heading}'{separators(self.headings) or said}")
         self.refuse_doubled()

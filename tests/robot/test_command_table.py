@@ -61,6 +61,7 @@ def test_units_ride_on_the_names(written, content):
         (HEADER + "\n\n1,2,3,4\n1;2;3;4\n", "line 5, column x_mm: '1;2;3;4'"),
         ("x_mm,y_mm,z_mm\n1,2,3\n", r"line 1: the column for tilt \(tilt_deg or tilt_rad or tilt_mrad\) is missing"),
         ("x_mm,y_mm,z_mm,tilt_deg,x_m\n1,2,3,4,5\n", "line 1: the column for x .* stands twice"),
+        (",x_mm,y_mm,z_mm,tilt_deg\n0,1,2,3,4\n", "line 1: a column has no heading; name it, or take it out"),
         ("x_mm,y_mm,z_mm,tilt_dge\n1,2,3,4\n", "line 1: unknown column 'tilt_dge'; did you mean 'tilt_deg'"),
         ("x_cm,y_mm,z_mm,tilt_deg\n1,2,3,4\n", "line 1: unknown column 'x_cm'"),
         ("x,y,z,tilt\n1,2,3,4\n", "line 1: unknown column 'x' names no unit; write x_mm or x_m"),
