@@ -22,7 +22,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed_robot import ClosedRobot
 from pouring_robot.robot.export.folder import FORMATS, exported_files, joined_or_touching
-from pouring_robot.robot.export.joints import JointRow, joints_text
+from pouring_robot.robot.export.joints import JointRow
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import mimic_notes
 from pouring_robot.robot.model import DriveOffset, RobotModel
@@ -188,6 +188,10 @@ def test_joints_without_limits_are_turned_as_far_as_commanded(tied):
     location = robot_of(tied).location_at(command)
     row = JointRow.of(location.actual, tied.drive_offset_values(), location.drives)
     assert row.values == pytest.approx(tied_values(*command), abs=1e-9)
+    folder = path.parent / "turned"
+    written(at_pose(tied, command), folder)
+    pose = json.loads((folder / "joints.json").read_text("utf-8"))["poses"][0]
+    assert pose["joints"] == pytest.approx(tied_values(*command), abs=1e-9)
 
 
 def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
@@ -565,9 +569,3 @@ def test_robot_wrapper_reads_absolute_meshes_without_a_folder(tmp_path):
     path = written(ClosedRobot.of(RobotModel()), tmp_path, absolute_meshes=True)
     wrapper = pin.RobotWrapper.BuildFromURDF(str(path))
     assert any("ladle.stl" in item.meshPath for item in wrapper.visual_model.geometryObjects)
-
-
-def test_a_table_of_joints_has_a_known_ending(tmp_path):
-    row = JointRow.of(ClosedRobot.of(RobotModel()).result)
-    with pytest.raises(BadInputError, match=r"\.csv or a \.json"):
-        joints_text([row], tmp_path / "joints.txt")

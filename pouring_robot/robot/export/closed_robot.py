@@ -44,6 +44,7 @@ class ClosedRobot:
 
     robot: Robot  # its drives' offsets stand in the joints, so that the value of a drive's joint is the command
     result: ClosureResult  # the closure at the command
+    drives: Mapping[str, float]  # commanded values, by joint in m or rad, whole turns too
 
     @classmethod
     def of(cls, model: RobotModel, command: Command | None = None) -> Self:
@@ -53,7 +54,7 @@ class ClosedRobot:
         """
         robot = robot_of(model.with_offsets_placed())
         location = robot.location_in_the_middle() if command is None else robot.location_of(command)
-        return cls(robot, location.actual)
+        return cls(robot, location.actual, location.drives)
 
     @property
     def mechanism(self) -> ClosedChainMechanism:

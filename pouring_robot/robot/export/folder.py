@@ -56,7 +56,8 @@ def exported_files(
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
         files[path.with_suffix(".glb")] = bytes(mesh.export(file_type="glb"))
     pairs = joined_or_touching(closed, assembly)
-    files |= {place: joints_text([JointRow.of(closed.result)], place) for place in sorted(joints)}
+    row = JointRow.of(closed.result, commanded=closed.drives)
+    files |= {place: joints_text([row], place) for place in sorted(joints)}
     if form != "urdf":
         for missing in (name for name, _ in assembly.meshes if folder / "meshes" / name not in files):
             problem = f"the mesh {missing} lies in a package that is not here"
