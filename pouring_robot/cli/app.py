@@ -100,6 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        Path.cwd()
+    except OSError:
+        _complain("the folder that this runs in is gone; change into another")
+        return ExitCode.BAD_INPUT
+    try:
         return _run(given)
     except Exception as error:
         if heard():

@@ -1,5 +1,6 @@
 """``pouring-robot examples``: the examples that come with the package, where one can work with them."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,8 @@ def copy(
 
     files = copy_folder(examples_path(), folder)
     options.say(f"copied {len(files)} files to {folder}")
-    options.say(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}")
+    model = shlex.quote(str(folder / "actual.yaml"))
+    options.say(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {model}")
 
 
 examples = group_of("The examples that come with the package.", [copy])

@@ -38,7 +38,6 @@ def regress(
     Every method is judged on sets that were left out one at a time, beside no compensation and a line that depends on
     the pose. The file is for --thermal-model of pose and compensate.
     """
-    from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.regression import report as pages
     from pouring_robot.thermal.regression.table import ErrorTable
 
@@ -54,7 +53,7 @@ def regress(
             "x, y, z (m) and tilt (rad) of the pouring robot; name these in --poses, or leave it out"
         )
     if report is not None:
-        written.append(write_whole(report, pages.html_report(found)))
+        written += options.write_all({report: pages.html_report(found)})
     if as_json:
         return options.print_figures(found.figures(), written)
     options.say(found.headline, style="bold")

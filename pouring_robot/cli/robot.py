@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import tempfile
 from dataclasses import dataclass, replace
@@ -42,7 +43,7 @@ def init(
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
     options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
     options.print_written((path,))
-    options.say(f"next: read its comments, then pouring-robot robots --robot {path}")
+    options.say(f"next: read its comments, then pouring-robot robots --robot {shlex.quote(str(path))}")
 
 
 def _two(help_: str) -> Any:
@@ -91,10 +92,9 @@ def new(
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
     middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
-    written = options.write_all({layouts: layout.file_text(), model: own.file_text(out)})
-    written += bundles.Drawing(html=page, png=png).write([middle], own)
-    options.print_written(written)
-    options.say(f"next: pouring-robot robots --model {model}")
+    drawn = bundles.Drawing(html=page, png=png).files([middle], own)
+    options.print_written(options.write_all({layouts: layout.file_text(), model: own.file_text(out)} | drawn))
+    options.say(f"next: pouring-robot robots --model {shlex.quote(str(model))}")
 
 
 def _in_the_middle(layout: NewLayout) -> LadleLocation:

@@ -172,9 +172,11 @@ def _bytes(content: bytes | str) -> bytes:
 
 def _target(given: Path) -> Path:
     """Return the file that a path means, symbolic links followed; it must be none of what cannot be written to."""
-    target = given.resolve()
-    if target.is_dir():
+    if given.is_dir():
         raise OutputError(given, "it is a folder; give a file name")
+    if _is_stream(given):  # a pipe without a name, as /dev/stdout may be, resolves to nothing
+        return given
+    target = given.resolve()
     if not target.parent.is_dir():
         raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
     return target

@@ -43,9 +43,14 @@ def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SI
         BadInputError: the size is out of range.
         OutputError: the file cannot be written.
     """
+    return write_whole(path, png(scene, size))
+
+
+def png(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> bytes:
+    """Return what such a file holds; raises BadInputError where the size is out of range."""
     buffer = io.BytesIO()
     draw(scene, size).save(buffer, format="PNG")
-    return write_whole(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:

@@ -457,9 +457,9 @@ def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
 
 def test_the_picture_of_a_warm_robot_says_so(run, monkeypatch):
     drawn = []
-    monkeypatch.setattr("pouring_robot.viewer.write_png", lambda scene, file: drawn.append(scene) or file)
+    monkeypatch.setattr("pouring_robot.viewer.picture.png", lambda scene: drawn.append(scene) or b"")
     for flags in (["--steady"], []):
-        assert run("pose", *AT, *flags, "--png", "x.png")[0] == 0
+        assert run("pose", *AT, *flags, "--png", "x.png", "--overwrite")[0] == 0
     assert [scene.robots[0].label for scene in drawn] == ["as built, warm", "as built"]
 
 

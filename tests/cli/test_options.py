@@ -1,11 +1,12 @@
 """What all subcommands have in common: help, overwriting, quiet, completion, the time left, a reader that goes."""
 
+import shutil
 import subprocess
 import sys
 
 import pytest
 
-from pouring_robot.cli.app import _MODULES
+from pouring_robot.cli.app import _MODULES, main
 from pouring_robot.cli.shared.progress import time_left
 from pouring_robot.cli.shared.tables import print_table
 from tests.support import ACTUAL, LEARNED, ROOT
@@ -86,6 +87,56 @@ def test_overwrite_replaces(run, tmp_path):
     rows = (tmp_path / "p.csv").read_text().splitlines()
     assert rows[0].startswith("x_mm,y_mm,z_mm,tilt_deg,error_x_mm") and len(rows) == 6
     assert run("path", POSES, "--out", "/dev/null")[0] == 0  # nothing is lost there
+
+
+def test_a_file_that_is_read_is_not_replaced_by_one_that_goes_with_another(run, tmp_path):
+    """A campaign's YAML stands beside its table, and a robot file in the folder of its export."""
+    model = tmp_path / "m.yaml"
+    model.write_bytes(ACTUAL.read_bytes())
+    shutil.copytree(ROOT / "examples" / "machines" / "ur10", tmp_path / "arm")
+    robot = tmp_path / "arm" / "robot.yaml"
+    for command in (
+        f"campaign simulate --random 2 --model {model} --out m.csv --overwrite",
+        f"export --robot {robot} --out arm --overwrite",
+    ):
+        before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        code, _, err = run(*command.split())
+        assert code == 2 and "it is read by this very command" in err
+        assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (f"path {POSES} --out p.csv --exaggerate 5", "ask for one with --html or --png"),
+        (f"path {POSES} --out p.csv --html p.html --exaggerate 0", "exaggeration factor"),
+        (f"path {POSES} --at-once --exaggerate 5", "ask for one with --html or --png"),
+        (f"path {POSES} --html p.html --joints p.txt", "it is written as .csv or .json, not as .txt"),
+        (f"path {POSES} --at-once --condition payload_kg=1", "leave out --condition"),
+        (f"compensate {POSES} --at-once --condition payload_kg=1", "leave out --condition"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_written(run, tmp_path, command, said):
+    code, out, err = run(*command.split())
+    assert (code, out) == (2, "") and said in err and list(tmp_path.iterdir()) == []
+
+
+def test_a_table_goes_to_a_pipe_and_does_not_come_from_one():
+    """``/dev/stdout`` of a pipe resolves to no file, and what is commanded is read more than once."""
+    command = f"{sys.executable} -m pouring_robot path {POSES} -q --out /dev/stdout | cat"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stderr == "" and done.stdout.startswith("x_mm,y_mm,z_mm,tilt_deg,")
+    command = f"cat {POSES} | {sys.executable} -m pouring_robot path /dev/stdin"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "/dev/stdin: is a pipe" in done.stderr
+
+
+def test_a_folder_that_is_gone_is_said_to_be(run, tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["robots"]) == 2
+    monkeypatch.chdir(tmp_path)
 
 
 def test_a_quiet_command_says_errors_and_figures_only(run):

@@ -74,6 +74,7 @@ def compensate(
         if commanded.given or thermal_model:
             raise BadInputError("--at-once and --header go without --at-mm, --drives and --thermal-model")
         options.refuse_conditional(present, "--at-once" if asked.at_once else "--header")
+        under.of(present)  # refuses what nothing depends on
         _in_bulk(asked, present, warmth)
         return
     wanted = {0: commanded.of(present)} if asked.poses is None else under.read_commands(present, asked.poses)
@@ -182,21 +183,21 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
     from pouring_robot.robot.command_table import read_poses
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
-    heated, written = HeatedRobot(robot, heat), []
+    heated, files = HeatedRobot(robot, heat), dict[Path, bytes | str]()
     if (asked.poses is None) == (asked.header is None):
         raise BadInputError("--at-once takes a file of poses; --header takes none, as it is for the whole workspace")
     with progress.stage_bars() as show:
         if asked.poses is None:
             made = make_controller(heated, asked.frame, show)
             headline, table = made.headline, made.to_frame()
-            written = options.written(asked.header, made.header)
+            files = {asked.header: made.header()} if asked.header else {}
         else:
             wanted = [(*pose.position_m, pose.tilt_rad) for pose in read_poses(asked.poses)]
             found = compensate_path(heated, wanted, asked.frame, show=show)
             headline, table = found.headline, found.to_frame()
             if not found.answered.any():
                 raise NoSolutionError(headline)
-    written += options.written(asked.out, lambda: str(table.to_csv(index=False)))
+    written = options.write_all(files | ({asked.out: str(table.to_csv(index=False))} if asked.out else {}))
     if asked.as_json:
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
         return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)

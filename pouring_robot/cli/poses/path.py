@@ -51,6 +51,7 @@ def path(
         if drawing.html or drawing.png:
             raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
         options.refuse_conditional(present, "--at-once")
+        under.of(present)  # refuses what nothing depends on
         _at_once(present, warmth, commanded, drawing, out, as_json)
         return
     robots, conditions = under.robots(present, commanded, poses)
@@ -69,8 +70,8 @@ def path(
     notes += (*conditions, *warm.twice_lines(present, warmth))
     notes += drawing.unlike_the_tree(locations, present.model, warm=heated is not None)
     rows = [_row(location) for location in locations]
-    written = options.written(out, lambda: rows_csv(rows))
-    written += drawing.write(locations, present.model, warm=heated is not None)
+    files: dict[Path, bytes | str] = {out: rows_csv(rows)} if out else {}
+    written = options.write_all(files | drawing.files(locations, present.model, warm=heated is not None))
     if as_json:
         return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
     if first := found[0].warm:
@@ -115,9 +116,8 @@ def _at_once(
         _posed(pose) | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
-    written = options.written(out, lambda: rows_csv(rows))
     joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
-    written += drawing.write_joints(joints)
+    written = options.write_all(({out: rows_csv(rows)} if out else {}) | drawing.joint_table(joints))
     notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model, warm=heat is not None)
     if as_json:
         return options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)

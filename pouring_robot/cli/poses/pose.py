@@ -34,7 +34,7 @@ def pose(
     notes = locations.location_notes(found, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(built, given))
     notes += drawing.unlike_the_tree([location], built.model, warm=heated is not None)
-    written = drawing.write([location], built.model, warm=heated is not None)
+    written = options.write_all(drawing.files([location], built.model, warm=heated is not None))
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}

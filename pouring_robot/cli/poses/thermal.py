@@ -87,8 +87,8 @@ def thermal(
     history: Annotated[
         Path | None,
         reads(
-            "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
-            "where the pose changes.",
+            "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg, "
+            "of every row, if the pose changes.",
             "FILE.csv",
         ),
     ] = None,
@@ -111,7 +111,6 @@ def thermal(
     of a model file take no part; its heat section does.
     """
     from pouring_robot.cli.shared.tables import print_blocks
-    from pouring_robot.io.files import write_whole
     from pouring_robot.report.page import Paragraph, Table
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -162,24 +161,26 @@ def thermal(
         values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         words = f"measured temperatures of the model file take the place of computed ones in growth: {values}"
         told.append(Paragraph(words))
-    written = [found.save(csv, overwrite=options.OVERWRITE.get())] if csv else []
+    files: dict[Path, bytes | str] = {}
     if png:
         from pouring_robot.report.plots import png_of
 
         picture = page.pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else page.shift_picture(drawn, title)
-        written.append(write_whole(png, png_of(picture)))
+        files[png] = png_of(picture)
     if report:
-        written.append(write_whole(report, page.html_report(found, drawn, title, told)))
+        files[report] = page.html_report(found, drawn, title, told)
     if html is not None:
         from pouring_robot.thermal.scene import displacement_scene, shift_scene
-        from pouring_robot.viewer import write_html
+        from pouring_robot.viewer.page import page as scene_page
 
         if field is not None and pose is not None:
             at, words = heated.robot.kinematics.configuration(pose), f"How far every part moves under {moved.words}"
-            written.append(write_html(displacement_scene(heated.robot, field.hall, words, at), html))
+            files[html] = scene_page(displacement_scene(heated.robot, field.hall, words, at))
         elif history is not None and isinstance(drawn, ShiftHeat):
             words = f"How the melt of {history.name} warms the robot"
-            written.append(write_html(shift_scene(heated.robot, drawn, words), html))
+            files[html] = scene_page(shift_scene(heated.robot, drawn, words))
+    written = [found.save(csv, overwrite=options.OVERWRITE.get())] if csv else []
+    written += options.write_all(files)
     if as_json:
         measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         if field is not None:

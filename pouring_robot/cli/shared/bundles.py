@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
@@ -14,7 +14,7 @@ import typer
 
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.options import opt, writes
-from pouring_robot.exceptions import BadInputError, NoSolutionError, OutputError, PathPoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -125,6 +125,8 @@ class Under:
         from pouring_robot.campaign.columns import condition_headings
         from pouring_robot.io.tables import read_table
 
+        if path.is_fifo():
+            raise BadInputError(f"{path}: is a pipe, and this table is read more than once; save it as a file")
         known = condition_headings(robot.model.definition)
         found = robot.read_commands(path, known)
         unused = () if robot.model.conditional else (name for name in read_table(path, "").headings if name in known)
@@ -252,22 +254,27 @@ class Drawing:
     html: Annotated[Path | None, writes("Write a self-contained meshcat page.")] = None
     png: options.PngFile = None
     exaggerate: options.Exaggeration = None
-    joints: Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")] = None
+    joints: Annotated[
+        Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.", check=options.check_joints)
+    ] = None
 
-    def write(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> list[Path]:
-        """Write what was asked for, and return the files."""
-        written = []
+    def __post_init__(self) -> None:
+        if self.exaggerate is not None and not (self.html or self.png):
+            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
+
+    def files(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> dict[Path, bytes | str]:
+        """Return what was asked for, by the files that it is to be written to."""
+        found: dict[Path, bytes | str] = {}
         if self.html or self.png:
             # The drawing libraries take half a second to import; only commands that draw pay for it.
             from pouring_robot.robot.view.scene import pose_scene
-            from pouring_robot.viewer import write_html, write_png
+            from pouring_robot.viewer.page import page
+            from pouring_robot.viewer.picture import png
 
             scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
-            written += [write_html(scene, self.html)] if self.html else []
-            written += [write_png(scene, self.png)] if self.png else []
-        elif self.exaggerate is not None:
-            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
-        return written + self.write_joints(self._joint_rows(locations, model))
+            found |= {self.html: page(scene)} if self.html else {}
+            found |= {self.png: png(scene)} if self.png else {}
+        return found | self.joint_table(self._joint_rows(locations, model))
 
     def _joint_rows(self, locations: Sequence[Location], model: RobotModel) -> list[JointRow]:
         """Return the joint values at locations, none if they were not asked for."""
@@ -278,11 +285,11 @@ class Drawing:
         offsets = model.drive_offset_values()
         return [JointRow.of(one.actual, offsets, one.drives) for one in locations]
 
-    def write_joints(self, rows: Sequence[JointRow]) -> list[Path]:
-        """Write the joint values of the robot as built, for the exported tree, if they were asked for."""
+    def joint_table(self, rows: Sequence[JointRow]) -> dict[Path, str]:
+        """Return the joint values of the robot as built, for the exported tree, by their file; {} if none is wanted."""
         from pouring_robot.robot.export.joints import joints_text
 
-        return options.written(self.joints, lambda: joints_text(rows, self.joints or Path()))
+        return {self.joints: joints_text(rows, self.joints)} if self.joints else {}
 
     def unlike_the_tree(self, locations: Sequence[Location], model: RobotModel, *, warm: bool) -> list[str]:
         """Say in a line by how much the exported tree misses a robot that is warm or under conditions."""
@@ -345,18 +352,12 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
         options.QUIET.set(given.pop("quiet"))
         if outputs:
             del given["overwrite"]
-        _refuse_inputs(given, outputs)
+        paths = {name: value for name, value in given.items() if isinstance(value, Path)}
+        options.INPUTS.set(frozenset(path.resolve() for name, path in paths.items() if name not in outputs))
+        options.refuse_inputs(path for name, path in paths.items() if name in outputs)
         whole = {name: kind(**{field: given.pop(field) for field in own}) for name, (kind, own) in bundles.items()}
         command(**given, **whole)
 
     spread.__signature__ = inspect.Signature(list(flat.values()))  # type: ignore[attr-defined]  # as typer reads it
     spread.__annotations__ = {name: parameter.annotation for name, parameter in flat.items()}
     return spread
-
-
-def _refuse_inputs(given: Mapping[str, Any], outputs: Collection[str]) -> None:
-    """Refuse to write to a file that is read: ``--overwrite`` is of what was written before."""
-    read = {value.resolve() for name, value in given.items() if isinstance(value, Path) and name not in outputs}
-    for name in outputs:
-        if isinstance(given[name], Path) and given[name].resolve() in read and given[name].is_file():
-            raise OutputError(given[name], "it is read by this very command; choose another name for what is written")

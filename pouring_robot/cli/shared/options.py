@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, OutputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 Pair = tuple[float, float] | None
 Point = tuple[float, float, float]
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
+INPUTS = ContextVar("inputs", default=frozenset[Path]())
+"""Files that the command reads by its options, resolved."""
 _OUTPUTS = f"{__name__}.outputs"
 
 
@@ -48,34 +50,31 @@ def there(path: Path | None) -> Path | None:
     return path
 
 
-def _new(context: typer.Context, path: Path | None) -> Path | None:
-    """Return the path of a file to write, which must not be there yet unless ``--overwrite`` is given."""
-    if path is not None:
-        files = context.meta.setdefault(_OUTPUTS, [])
-        files.append(path)
-        refuse_present(files)
-    return path
-
-
-def _new_png(context: typer.Context, path: Path | None) -> Path | None:
-    """Return the path of a picture to write, as ``_new`` does; its name may not promise another format."""
-    if path is not None and path.suffix.lower() not in ("", ".png"):
+def _check_png(path: Path) -> None:
+    """Refuse a picture whose name promises another format."""
+    if path.suffix.lower() not in ("", ".png"):
         raise BadInputError(f"--png {path}: pictures are PNG; call it {path.with_suffix('.png')}")
-    return _new(context, path)
 
 
-def _new_csv(context: typer.Context, path: Path | None) -> Path | None:
-    """Return the path of a CSV to write, as ``_new`` does; by its name it may not be read as another format."""
-    if path is not None and path.suffix not in ("", ".csv"):
-        from pouring_robot.io.files import check_ending
-        from pouring_robot.io.tables import CSV_SUFFIXES, EXCEL_SUFFIXES, PARQUET_SUFFIXES
+def _check_csv(path: Path) -> None:
+    """Refuse a CSV that by its name would be read as another format."""
+    if path.suffix in ("", ".csv"):
+        return  # before NumPy is loaded
+    from pouring_robot.io.files import check_ending
+    from pouring_robot.io.tables import CSV_SUFFIXES, EXCEL_SUFFIXES, PARQUET_SUFFIXES
 
-        if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
-            check_ending(path, CSV_SUFFIXES)
-    return _new(context, path)
+    if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
+        check_ending(path, CSV_SUFFIXES)
 
 
-_WRITES: set[Callable[..., Path | None]] = {_new, _new_png, _new_csv}
+def check_joints(path: Path) -> None:
+    """Refuse a table of joints that is neither CSV nor JSON by its name."""
+    from pouring_robot.io.files import check_ending
+
+    check_ending(path, (".csv", ".json"))
+
+
+_WRITES: set[Callable[..., Path | None]] = set()
 
 
 def opt(help: str, *name: str, **more: Any) -> Any:
@@ -88,14 +87,27 @@ def reads(help: str, metavar: str = "FILE") -> Any:
     return opt(help, metavar=metavar, callback=there)
 
 
-def writes(help: str, metavar: str = "FILE") -> Any:
-    """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return opt(help, metavar=metavar, callback=_new)
+def writes(help: str, metavar: str = "FILE", check: Callable[[Path], None] = lambda _: None) -> Any:
+    """Return the option of a file to write, whose name passes a check.
+
+    One that is there already is only replaced with ``--overwrite``.
+    """
+
+    def new(context: typer.Context, path: Path | None) -> Path | None:
+        if path is not None:
+            check(path)
+            files = context.meta.setdefault(_OUTPUTS, [])
+            files.append(path)
+            refuse_present(files)
+        return path
+
+    _WRITES.add(new)
+    return opt(help, metavar=metavar, callback=new)
 
 
 def writes_csv(help: str) -> Any:
     """Return the option of a CSV to write, as :func:`writes` does."""
-    return opt(help, metavar="FILE.csv", callback=_new_csv)
+    return writes(help, "FILE.csv", _check_csv)
 
 
 def argument(metavar: str, help: str) -> Any:
@@ -148,6 +160,13 @@ def refuse_present(files: Iterable[Path]) -> None:
     check_outputs(list(files), overwrite=OVERWRITE.get())
 
 
+def refuse_inputs(files: Iterable[Path]) -> None:
+    """Refuse to write to a file that is read: ``--overwrite`` is of what was written before."""
+    for path in files:
+        if path.resolve() in INPUTS.get() and path.is_file():
+            raise OutputError(path, "it is read by this very command; choose another name for what is written")
+
+
 AtMm = Annotated[
     Point | None,
     opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z", callback=_of_size),
@@ -168,7 +187,7 @@ CampaignFile = Annotated[Path, argument("CAMPAIGN", "Table, such as a CSV; the Y
 TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the robot's own, or the shipped).")]
 HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
 ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
-PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
+PngFile = Annotated[Path | None, writes("Write a picture; no screen is needed.", check=_check_png)]
 AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")]
 Exaggeration = Annotated[float | None, opt("Draw errors at this many times their size.", metavar="FACTOR")]
 ThermalModelFile = Annotated[Path | None, reads("What heat adds by a regression, from 'regress --out'.")]
@@ -240,6 +259,7 @@ def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
     """Write several files, all or none, and return them; what has appeared meanwhile stays without ``--overwrite``."""
     from pouring_robot.io.files import write_together
 
+    refuse_inputs(files)
     return write_together(files, overwrite=OVERWRITE.get())
 
 

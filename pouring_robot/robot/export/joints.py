@@ -11,7 +11,6 @@ import numpy as np
 
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.batch.structure import Structure
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -72,11 +71,9 @@ def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
 
 
 def joints_text(rows: Sequence[JointRow], path: Path) -> str:
-    """Return the table as CSV, headings with units, or JSON; raises BadInputError for a file of another suffix."""
-    if path.suffix == ".json":
+    """Return the table as JSON, if its file is called so, or as CSV, headings with units."""
+    if path.suffix.lower() == ".json":
         return json_text(joints_json(rows))
-    if path.suffix != ".csv":
-        raise BadInputError(f"{path}: a table of joints is a .csv or a .json; name it so")
     heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []
     values = ([*map(float, row.values.values()), row.gap_m, row.gap_rad] for row in rows)
     return csv_text([*heads, "left_open_m", "left_open_rad"], values)
