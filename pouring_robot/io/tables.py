@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError, closest
+from pouring_robot.io.given import as_path
 
 CSV_SUFFIXES = (".csv",)
 PARQUET_SUFFIXES = (".parquet", ".pq")
@@ -136,7 +137,7 @@ def read_table(
         TableError: (or ``error``) the file cannot be read, is empty, has several sheets, or a row has more cells than
             there are headings (or fewer).
     """
-    path = Path(path)
+    path = as_path(path)
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return _read_parquet(path, error)
     rows = (_excel_rows if path.suffix.lower() in EXCEL_SUFFIXES else _csv_rows)(path, error)

@@ -66,7 +66,7 @@ def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArr
         array = real(values)
     except (TypeError, ValueError):
         raise BadInputError(demand) from None
-    if array.shape == (0,) and len(shape) > 1:
+    if array.shape == (0,) and None in shape:
         array = array.reshape([size or 0 for size in shape])
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if not fits or np.ma.is_masked(values):

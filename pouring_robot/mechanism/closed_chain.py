@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.io.given import expect
-from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns
+from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns, numbers
 from pouring_robot.mechanism.joint_types import unit_of
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopSpec, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index, tree_of
@@ -62,6 +62,8 @@ class ClosedChainMechanism:
         built_in: Mapping[str, pin.SE3] = MappingProxyType({}),
         home: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
+        expect(urdf, str, "a mechanism is made of the text of a URDF")
+        expect(loops, LoopsFile, "the loops of a mechanism are a LoopsFile, such as load_loops reads")
         self.urdf, self.loops, self._source, self._home = urdf, loops, Path(source), dict(home)
         self._workspace = threading.local()
         self.tree_urdf, self.mimics, self.shared_model = tree_of(urdf, loops, self._source)
@@ -294,11 +296,8 @@ class ClosedChainMechanism:
         Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, values that are no
         mapping or not finite, or a configuration of another length.
         """
-        result = np.array(configuration, dtype=float)
-        if result.shape != (self.shared_model.nq,):
-            raise BadInputError(
-                f"a configuration of this robot has shape ({self.shared_model.nq},), not {result.shape}"
-            )
+        count = self.shared_model.nq
+        result = numbers(configuration, (count,), f"a configuration of this robot has shape ({count},)")
         expect(values, Mapping, "values of joints, in m and rad, are a mapping by their names")
         for name, value in values.items():
             joint = self.shared_model.joints[self.joint_id(name)]

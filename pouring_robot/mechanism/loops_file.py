@@ -14,6 +14,7 @@ import pydantic
 from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.io.given import as_path
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.joint_types import JointKind
 
@@ -162,7 +163,7 @@ def load_loops(path: Path | str, said: Mapping[str, Any] = MappingProxyType({}))
 
     What is ``said`` elsewhere counts in place of its keys, which it then need not have.
     """
-    path = Path(path)
+    path = as_path(path)
     content = read_yaml(path)
     if "closed_loop" in content:
         content = CommentedMap(_from_gepetto(content, path))

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 
@@ -21,6 +22,8 @@ class PoseDifference(ReadOnly):
     @classmethod
     def between(cls, nominal: pin.SE3, actual: pin.SE3) -> Self:
         """Compare two poses of one frame in the same base."""
+        for pose in (nominal, actual):
+            expect(pose, pin.SE3, "a pose is a pinocchio.SE3")
         rotation = pin.log3(actual.rotation @ nominal.rotation.T)
         return cls(actual.translation - nominal.translation, np.asarray(rotation))
 

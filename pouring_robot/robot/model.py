@@ -21,7 +21,7 @@ import pydantic
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, TooLargeError, UnknownJointError, closest
 from pouring_robot.io.files import write_whole
-from pouring_robot.io.given import expect
+from pouring_robot.io.given import as_path, expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
@@ -55,6 +55,7 @@ class JointPlacement(StrictModel):
     @classmethod
     def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
         """Take a displacement given as a pose."""
+        expect(pose_nominal_to_actual, pin.SE3, "a displacement is a pinocchio.SE3")
         shift, turn = pose_nominal_to_actual.translation / MM, pin.log3(pose_nominal_to_actual.rotation) / MRAD
         return cls(translation_mm=tuple(shift.tolist()), rotation_mrad=tuple(turn.tolist()))
 
@@ -114,7 +115,7 @@ class RobotModel(StrictModel):
     @classmethod
     def for_robot(cls, robot: RobotDefinition | Path | str) -> RobotModel:
         """Return the drawing of a robot, or of its robot file."""
-        path = robot.path if isinstance(robot, RobotDefinition) else Path(robot)
+        path = robot.path if isinstance(robot, RobotDefinition) else as_path(robot)
         model = cls(robot=str(path.absolute()))
         if isinstance(robot, RobotDefinition):
             model._defined = (model.robot_path, model.layout, model.layouts_path), robot
@@ -124,7 +125,7 @@ class RobotModel(StrictModel):
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
         """Read a model file, or the drawing of a robot file; raises DescriptionError where something in it is wrong."""
-        path = Path(path)
+        path = as_path(path)
         content = read_yaml(path)
         if content.get("format") == ROBOT_FORMAT:
             return cls.for_robot(path)
@@ -170,7 +171,7 @@ class RobotModel(StrictModel):
 
         Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
         """
-        return write_whole(path, self.file_text(Path(path).parent), overwrite=overwrite)
+        return write_whole(path, self.file_text(as_path(path).parent), overwrite=overwrite)
 
     def file_text(self, folder: Path) -> str:
         """Return what the model file says when it stands in a folder."""

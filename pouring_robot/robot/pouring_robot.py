@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pouring_robot.batch.samples import BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.given import expect
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED, STATUS_NAMES
@@ -158,7 +158,7 @@ class PouringRobot(Robot):
 
     def command_at(self, values: FloatArray) -> PlatformPose:
         """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
-        x, y, z, tilt = values.tolist()
+        x, y, z, tilt = finite(values, (4,), "a command is x, y, z in m and the tilt in rad").tolist()
         return PlatformPose((x, y, z), tilt)
 
     def drives_of(self, command: Command) -> FloatArray:

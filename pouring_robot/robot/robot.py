@@ -101,6 +101,7 @@ class Robot:
 
     def built_as(self, model: RobotModel) -> Self:
         """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""
+        expect(model, RobotModel, "a robot is built as a RobotModel says, such as RobotModel.load reads")
         model.check_errors()
         other = copy.copy(self)
         other.__dict__.pop("unseen_displacements", None)

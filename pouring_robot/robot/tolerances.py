@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import pydantic
 
+from pouring_robot.io.given import as_path
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
@@ -67,7 +68,7 @@ class Tolerances(StrictModel):
     @classmethod
     def load(cls, path: Path | str | None = None) -> Self:
         """Read a tolerances file (default: the shipped one); raises DescriptionError where something in it is wrong."""
-        path = description_folder() / "config" / "tolerances.yaml" if path is None else Path(path)
+        path = description_folder() / "config" / "tolerances.yaml" if path is None else as_path(path)
         return validate(cls, read_yaml(path), path)
 
     @classmethod

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import NonNegativeInt, PositiveFloat
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, closest
+from pouring_robot.io.given import as_path
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray
@@ -244,7 +245,7 @@ class SweepConfig(StrictModel):
     @classmethod
     def load(cls, path: Path | str) -> Self:
         """Read a sweep file."""
-        path = Path(path)
+        path = as_path(path)
         content = read_yaml(path)
         config = validate(cls, content, path)
         config._folder, config._source = path.absolute().parent, path

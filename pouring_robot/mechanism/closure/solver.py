@@ -197,6 +197,7 @@ class ClosureSolver:
     def __init__(
         self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
+        expect(mechanism, ClosedChainMechanism, "what is closed is a ClosedChainMechanism")
         expect(loads, Loads, "loads are Loads")
         expect(options, ClosureOptions, "options of a closure are ClosureOptions")
         self.mechanism, self.options = mechanism, options
