@@ -69,17 +69,12 @@ def _found(diagnosis: Findings) -> FoundByKey:
     Values are those the robot was closed with. A parameter that the last weighing gave up again, too small to
     matter, is still in it; its standard deviation is what one would expect of it beforehand.
     """
-    diagnoser, after = diagnosis.diagnoser, diagnosis.after
-    # Two forms of one effect may share a parameter, which then has two values that add up.
-    left: dict[EffectParameter, list[float]] = {}
-    for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
-        left.setdefault(parameter, []).append(value)
-    found: FoundByKey = []
+    left, found = diagnosis.after.by_parameter, FoundByKey()
     for key, parameters in diagnosis.parameters:
         own = (replace(p, value=left[p.parameter].pop(0)) for p in parameters if left.get(p.parameter))
         found.append((key, tuple(own)))
     # What is left belongs to the largest form that is there as a whole.
-    forms = diagnoser.library.every_form.items()
+    forms = diagnosis.diagnoser.library.every_form.items()
     for key, whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
         if all(left.get(p) for p in whole.parameters):
             found.append((key, tuple(FoundParameter(p, left[p].pop(0), p.prior_std) for p in whole.parameters)))

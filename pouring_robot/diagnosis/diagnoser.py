@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -50,6 +50,14 @@ class State:
     frames: SeenFrom  # the two frames
     every_row: WhitenedRows  # residuals there
     fitted: BoolArray  # which rows are fitted, (n,)
+
+    @property
+    def by_parameter(self) -> dict[EffectParameter, list[float]]:
+        """Values by parameter: two forms of one effect may share one, which then has two values that add up."""
+        found: dict[EffectParameter, list[float]] = {}
+        for parameter, value in zip(self.parameters, self.values.tolist(), strict=True):
+            found.setdefault(parameter, []).append(value)
+        return found
 
     @property
     def fitted_rows(self) -> WhitenedRows:
@@ -283,10 +291,7 @@ class Diagnoser:
         That is of a whole step, as a square of its share. Where no share of it will do all stays, and it is infinite.
         """
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]
-        parameters = tuple(one.parameter for one in found)
-        wanted = np.array([one.value for one in found])
-        known = dict(zip(state.parameters, state.values.tolist(), strict=True))
-        from_here = np.array([known.get(p, 0.0) for p in parameters])
+        parameters, from_here, wanted = _way(state, found)
         linear = state.linear
         before = self._signature(state.parameters, state.values, linear)
         now = linear.residual.copy()
@@ -296,12 +301,13 @@ class Diagnoser:
         step = linear.frame_step(now + before - self._signature(parameters, wanted, linear))
         for halved in range(_HALVINGS):
             share = 0.5**halved
-            values = from_here + share * (wanted - from_here)
+            count = len(parameters) if halved else len(found)
+            values = (from_here + share * (wanted - from_here))[:count]
             try:
-                new = self._state(parameters, values, state.frames.moved(share * step))
+                new = self._state(parameters[:count], values, state.frames.moved(share * step))
             except DiagnosisError:
                 continue
-            gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
+            gone = before - self._signature(parameters[:count], values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than half of what it moves is outside of what the derivatives say, and one that
             # gains less than half of what it should may lead back and forth: they are asked nearer.
@@ -315,6 +321,17 @@ class Diagnoser:
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""
         return self.rows.signature(local_changes(parameters, values.tolist()), linear)
+
+
+def _way(state: State, found: Sequence[FoundParameter]) -> tuple[tuple[EffectParameter, ...], FloatArray, FloatArray]:
+    """Return parameters and their values, (p,) each, in a state and as found: behind those, what is found no more."""
+    left = state.by_parameter
+    here = [(one.parameter, left[one.parameter].pop(0) if left.get(one.parameter) else 0.0) for one in found]
+    here += [(parameter, value) for parameter, values in left.items() for value in values]
+    parameters, values = zip(*here, strict=True) if here else ((), ())
+    wanted = np.zeros(len(here))
+    wanted[: len(found)] = [one.value for one in found]
+    return parameters, np.array(values), wanted
 
 
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:

@@ -8,6 +8,7 @@ import pytest
 from pouring_robot.diagnosis.diagnoser import Diagnoser
 from pouring_robot.estimation.intervals import Z95, deviations95
 from pouring_robot.exceptions import DiagnosisError
+from pouring_robot.inference.hypotheses import Hypothesis
 
 
 def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(hot):
@@ -74,3 +75,24 @@ def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypat
     assert found.bent == np.inf
     assert found.state.parameters == ()
     assert len(refused) == 12  # halvings of a step before a search, and at the end
+
+
+def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeypatch):
+    """Gone at once, half a step would lead back to the drawing; of two values of one parameter each goes by half."""
+    put_in, asked = Diagnoser._state, []
+
+    def state(self, parameters, values, frames):
+        asked.append((parameters, values))
+        if len(asked) == 1:
+            raise DiagnosisError("no pose closes", "measure others")
+        return put_in(self, parameters, values, frames)
+
+    diagnoser, after = hot.diagnoser, hot.after
+    twice, shares = 2 * after.parameters, np.concatenate([0.75 * after.values, 0.25 * after.values])
+    there = put_in(diagnoser, twice, shares, after.frames)
+    nothing = Hypothesis.nothing(diagnoser.problem_at(there)).with_levels_of(())
+    monkeypatch.setattr(Diagnoser, "_state", state)
+    new, _ = diagnoser._advanced(there, nothing)
+    assert asked[0][0] == ()  # a whole step leaves nothing
+    halves = {one: (0.375 * value, 0.125 * value) for one, value in zip(after.parameters, after.values, strict=True)}
+    assert {one: pytest.approx(values) for one, values in halves.items()} == new.by_parameter
