@@ -10,7 +10,7 @@ import io
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import pydantic
 from pydantic.fields import FieldInfo
@@ -36,6 +36,8 @@ def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
 Size = Annotated[float, pydantic.Field(gt=0.0, lt=LARGEST)]
 Range = Annotated[tuple[float, float], pydantic.AfterValidator(_upwards)]
 FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
+Value = TypeVar("Value")
+Unit = TypeVar("Unit")
 _UNITS = {unit.lower() for units in UNITS.values() for unit in units}
 _IN_YAML = {  # pydantic names the types as Python does
     "tuple_type": "Input should be a list",
@@ -90,6 +92,22 @@ class StrictModel(pydantic.BaseModel):
         """Return pydantic's schema of the model, but that only numbers count as numbers."""
         schema: CoreSchema = _numbers_only(handler(source), source)
         return schema
+
+
+class Entry(StrictModel, Generic[Value, Unit]):
+    """One fact with its unit and where it comes from."""
+
+    value: Value
+    unit: Unit
+    source: Literal["paper", "inferred", "assumed"]
+    note: str = ""
+
+
+class Entries(StrictModel):
+    """A whole of entries. It is pickled as what it says: pickle finds no name for the classes of single entries."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).model_validate, (self.model_dump(exclude_unset=True),)
 
 
 def read_yaml(path: Path | str) -> CommentedMap:

@@ -15,24 +15,17 @@ from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.given import as_path
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Entries, Entry, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.joint_types import JointKind
 
 LoopKind = Literal["6d", "3d"]
+AxialStiffness = Entry[pydantic.PositiveFloat, Literal["N/m"]]
+TorsionStiffness = Entry[pydantic.PositiveFloat, Literal["Nm/rad"]]
 
 # Struts of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
 # sqrt(k_rot / k_trans), here 0.03 m, is at most 0.1 m.
 DEFAULT_TRANSLATION_STIFFNESS = 1.0e8
 DEFAULT_ROTATION_STIFFNESS = 1.0e5
-
-
-class Quantity(StrictModel):
-    """A number of a configuration file with its unit and where it comes from."""
-
-    value: float
-    unit: str
-    source: Literal["paper", "inferred", "assumed"]
-    note: str = ""
 
 
 class LoopSpec(StrictModel):
@@ -44,20 +37,11 @@ class LoopSpec(StrictModel):
     type: LoopKind = "6d"
 
 
-class LoopStiffness(StrictModel):
+class LoopStiffness(Entries):
     """Stiffness of a closed joint: how strongly the parts resist being forced together."""
 
-    translation: Quantity
-    rotation: Quantity
-
-    @pydantic.model_validator(mode="after")
-    def _units_and_sign(self) -> Self:
-        for quantity, unit in ((self.translation, "N/m"), (self.rotation, "Nm/rad")):
-            if quantity.unit != unit:
-                raise ValueError(f"the stiffness must be given in {unit}")
-            if quantity.value <= 0.0:
-                raise ValueError("a stiffness must be positive")
-        return self
+    translation: AxialStiffness
+    rotation: TorsionStiffness
 
 
 class LoopsFile(StrictModel):
@@ -75,8 +59,8 @@ class LoopsFile(StrictModel):
     loops: tuple[LoopSpec, ...] = ()  # what is closed; nothing for a serial arm
     # of each closure
     stiffness: LoopStiffness = LoopStiffness(
-        translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
-        rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
+        translation=AxialStiffness(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
+        rotation=TorsionStiffness(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
     )
     # whether drives outnumber freedoms, so that all rarely agree: loops may stay open, and what they leave is measured
     redundant_drives: bool = False

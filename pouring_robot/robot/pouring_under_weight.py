@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.loops_file import LoopStiffness, Quantity
+from pouring_robot.mechanism.loops_file import AxialStiffness, LoopStiffness, TorsionStiffness
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.pouring.names import STROKES
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -43,8 +43,8 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         drive_stiffness={name: axial[name] for name in legs} | {tilt: stiffness.tilt_drive},
     )
     held = LoopStiffness(
-        translation=Quantity(value=stiffness.joint, unit="N/m", source="assumed"),
-        rotation=Quantity(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
+        translation=AxialStiffness(value=stiffness.joint, unit="N/m", source="assumed"),
+        rotation=TorsionStiffness(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
     )
     mechanism = robot.actual_solver.mechanism.with_stiffness(held)
     loaded = copy.copy(robot)  # not a new robot: the nominal side is the given one's, and building takes time

@@ -108,7 +108,7 @@ def test_gepetto_dialect_mistakes(written, text, words):
                 "stiffness: {translation: {value: 0.0, unit: N/m, source: assumed}, "
                 "rotation: {value: 1.0, unit: Nm/rad, source: assumed}}",
             ),
-            "positive",
+            "greater than 0, in N/m",
         ),
         (
             (

@@ -4,13 +4,13 @@ Every entry is ``{value, unit, source, note}``. Unknown keys, wrong units, sizes
 numbers that are not finite are refused. The properties ``metres`` and ``radians`` give SI values.
 """
 
-from typing import Annotated, Any, Generic, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field, PositiveFloat
 
-from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.io.typed_yaml import Entries, Entry, StrictModel, Unit, Value
 from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import FloatArray, grid
 
@@ -29,32 +29,12 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 MeshName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.(stl|obj)$")]
 
 
-Value = TypeVar("Value")
-Unit = TypeVar("Unit")
-
-
-class Entry(StrictModel, Generic[Value, Unit]):
-    """One fact with its unit and where it comes from."""
-
-    unit: Unit
-    source: Literal["paper", "inferred", "assumed"]
-    note: str = ""
-    value: Value
-
-    @property
-    def _si(self) -> Value:
-        return cast("Value", _divided(self.value, _PER_SI[str(self.unit)][0]))
-
-
-class Entries(StrictModel):
-    """A whole of entries. It is pickled as what it says: pickle finds no name for the classes of single entries."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self).model_validate, (self.model_dump(exclude_unset=True),)
-
-
 def _divided(value: Any, by: float) -> Any:
     return tuple(_divided(part, by) for part in value) if isinstance(value, tuple) else value / by
+
+
+def _si(entry: Entry[Value, Unit]) -> Value:
+    return cast("Value", _divided(entry.value, _PER_SI[str(entry.unit)][0]))
 
 
 class InMetres(Entry[Value, Unit]):
@@ -63,7 +43,7 @@ class InMetres(Entry[Value, Unit]):
     @property
     def metres(self) -> Value:
         """Value in m."""
-        return self._si
+        return _si(self)
 
 
 class InRadians(Entry[Value, Unit]):
@@ -72,7 +52,7 @@ class InRadians(Entry[Value, Unit]):
     @property
     def radians(self) -> Value:
         """Value in rad."""
-        return self._si
+        return _si(self)
 
 
 Length = InMetres[PositiveFloat, Literal["mm", "m"]]

@@ -21,14 +21,13 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import PositiveFloat
 
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import Entry, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.loops_file import AxialStiffness, TorsionStiffness
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Entry, Layout, Length
+from pouring_robot.robot.pouring.layout_schema import Layout, Length
 
 Modulus = Entry[PositiveFloat, Literal["N/m2"]]
-Axial = Entry[PositiveFloat, Literal["N/m"]]
-Torsion = Entry[PositiveFloat, Literal["Nm/rad"]]
 _SHORTEST_SPINDLE_M = 0.05
 
 
@@ -49,13 +48,13 @@ class Bearing(StrictModel):
 class AxialPart(StrictModel):
     """A bought part with a stiffness along the leg."""
 
-    axial: Axial
+    axial: AxialStiffness
 
 
 class TiltDrive(StrictModel):
     """The gearbox of the tilt drive."""
 
-    torsion: Torsion
+    torsion: TorsionStiffness
 
 
 class Measured(StrictModel):
