@@ -310,21 +310,6 @@ def _drives(robot: Robot, commands: Iterable[Command]) -> FloatArray:
     return robot.commands_of([robot.drives_of(command) for command in commands])
 
 
-@overload
-def compensate_under(
-    under: RobotUnderConditions,
-    wanted: Sequence[PlatformPose],
-    bring: Callable[[int, PouringRobot], Found],
-    show: Progress = ...,
-) -> list[Found]: ...
-
-
-@overload
-def compensate_under(
-    under: RobotUnderConditions, wanted: Sequence[Command], bring: Callable[[int, Robot], Found], show: Progress = ...
-) -> list[Found]: ...
-
-
 def compensate_under(
     under: RobotUnderConditions,
     wanted: Sequence[Command],
