@@ -48,6 +48,7 @@ class ClosedChainMechanism:
         mimics: joints that follow others.
         anchors: where each loop is closed: its frames a and b, rigidly on a joint of the tree each.
         shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
+        drawn: what was found of the drawing, which mechanisms that are displaced from one another share.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
@@ -65,7 +66,7 @@ class ClosedChainMechanism:
         expect(urdf, str, "a mechanism is made of the text of a URDF")
         expect(loops, LoopsFile, "the loops of a mechanism are a LoopsFile, such as load_loops reads")
         self.urdf, self.loops, self._source, self._home = urdf, loops, Path(source), dict(home)
-        self._workspace = threading.local()
+        self._workspace, self.drawn = threading.local(), dict[str, int]()
         self.tree_urdf, self.mimics, self.shared_model = tree_of(urdf, loops, self._source)
         self._displacements, self._built_in = dict(displacements), dict(built_in)
         for name in displacements:

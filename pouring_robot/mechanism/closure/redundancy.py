@@ -39,6 +39,12 @@ def redundant_drives(mechanism: ClosedChainMechanism) -> int:
     """
     if not mechanism.loops.redundant_drives:
         return 0
+    if "redundant" not in mechanism.drawn:
+        mechanism.drawn["redundant"] = _outnumbering(mechanism)
+    return mechanism.drawn["redundant"]
+
+
+def _outnumbering(mechanism: ClosedChainMechanism) -> int:
     drawn = mechanism.displaced({joint: error.inverse() for joint, error in mechanism.errors.items()})
     model, anywhere = drawn.shared_model, np.random.default_rng(0).uniform(-1.0, 1.0, drawn.shared_model.nv)
     anywhere[np.setdiff1d(np.arange(model.nv), drawn.closing_columns)] = 0.0
