@@ -166,7 +166,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     robots = [SceneRobot("measured", ladle, measured[:, None], tint=_MEASURED_TINT)]
     arrows = []
     everywhere = _everywhere(states)
-    everywhere = everywhere[:: max(-(-everywhere.size // _MOST_ARROWS), 1)]  # as many as a picture can bear
+    everywhere = everywhere[:: -(-everywhere.size // _MOST_ARROWS)]  # as many as a picture can bear
     words = loops.working_frame.replace("_", " ")
     for state in states:
         moved = shown.copy()
@@ -221,7 +221,7 @@ def _taken_apart(
             copy.placement = end.placement.inverse() * part.placement
             ladle.addGeometryObject(copy)
         elif part.name.rpartition("_")[0] not in BACKGROUND_LINKS:
-            rest.addGeometryObject(part.copy())
+            rest.addGeometryObject(part)
     return ladle, rest
 
 
