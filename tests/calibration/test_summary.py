@@ -56,6 +56,16 @@ def test_warnings(found):
     assert not any("not kept" in line for line in warnings_of(replace(large, candidates=kept)))
 
 
+def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(found):
+    equations = replace(found.fit.equations, failed=np.array([3, 7]))
+    short = replace(found, fit=replace(found.fit, equations=equations, converged=False, last_step=0.4))
+    added = [line for line in warnings_of(short) if line not in warnings_of(found)]
+    assert len(added) == 2 and "ended at its limit" in added[0] and "is 0.40 standard deviations" in added[0]
+    assert added[1] == "no pose of the robot has the drives of 2 rows; left out"
+    figures = calibration_metrics(short)
+    assert (figures["fit"]["converged"], figures["rows"]["not_closing"]) == (False, 2)
+
+
 def test_what_is_worse_is_told_of_every_kind(found):
     """Distances beside places, and alone: the figure of lengths is theirs then, and no position's."""
     size = found.before.shape[0]
@@ -75,6 +85,11 @@ def test_what_to_measure_next(found, unchanged):
     assert any("known least at x" in line for line in lines)
     assert not any("measured three times" in line for line in lines)
     assert any("measured three times" in line for line in next_measurements(unchanged))
+    places = replace(found, campaign=replace(found.campaign, rotation_vector_rad=None))
+    larger = replace(found.fit.equations, residual=3.0 / found.fit.scatter() * found.fit.equations.residual)
+    large = replace(found, fit=replace(found.fit, equations=larger))
+    for other, said in ((places, "only positions were measured"), (large, "run pouring-robot diagnose")):
+        assert [any(said in line for line in next_measurements(one)) for one in (found, other)] == [False, True]
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,20 @@ def test_covariance_is_sound_however_exact_the_data(drawing, sigma):
     assert np.isfinite(search.step(0.0)).all()
 
 
+def test_at_its_limit_a_search_near_the_answer_says_how_far_it_is_and_a_far_one_fails(at_the_answer):
+    """One evaluation is spent before a step is known."""
+    virtual, search = at_the_answer
+    near, far = (
+        Search(
+            virtual.rows, virtual.measured, search.unknowns.at(share * search.unknowns.values), virtual.prior, "linear"
+        )
+        for share in (1.0, 0.0)
+    )
+    assert near.run(1e-9, 1) == near.length(near.step(0.0)) > 1e-9
+    with pytest.raises(CalibrationError, match="does not converge in 1 evaluations"):
+        far.run(1e-9, 1)
+
+
 def test_too_few_rows(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 5)
     with pytest.raises(CalibrationError, match="only 5 of 5 rows"):

@@ -337,3 +337,8 @@ def test_columns_explain_nothing_by_what_is_left_where_they_cancel(rng):
     found = 2.0 * most_evidence(columns.T @ columns, columns.T @ other)
     assert found == pytest.approx((one @ other) ** 2 / (one @ one), rel=1e-3)
     assert found < 0.5 * other @ other
+
+
+def test_what_no_columns_can_have_for_inner_products_is_refused():
+    with pytest.raises(np.linalg.LinAlgError, match="no inner products"):
+        Beside(Gram(np.array([[-2.0]]), np.zeros(1), 1.0), np.arange(1), np.ones(1))
