@@ -19,6 +19,7 @@ from pouring_robot.estimation.noise import (
     noise_beforehand,
     repeat_noise,
     repeats,
+    scatter,
 )
 from pouring_robot.estimation.residuals import MeasuredPoses
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
@@ -180,3 +181,11 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
     assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)
     assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.05)
+
+
+def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise():
+    """Nine tenths of an equation; and what unknowns take up whole, but for what adding up leaves, of either sign."""
+    assert scatter(np.full(3, 5.0), np.full(3, 0.3)) == 1.0
+    assert scatter(np.full(3, 5.0), np.full(3, 0.4)) == pytest.approx(np.sqrt(75.0 / 1.2))
+    for left in (1e-16, -1e-16):
+        assert scatter(np.full(3, 1e-12), np.array([left, 0.0, 0.0]), fewest=0.0) < 1e-6

@@ -69,6 +69,12 @@ def test_what_is_determined_is_found_also_where_many_freedoms_idle():
     np.testing.assert_allclose(spectrum.values, by_another_way, rtol=0, atol=1e-13)
 
 
+def test_the_ratio_of_a_spectrum_is_that_of_units_that_do_not_count():
+    """Scaled to a unit diagonal eigenvalues are 1 ± 1/2; of nothing that is stiff there is none."""
+    assert Spectrum.of(np.array([[2.0, 1e3], [1e3, 2e6]])).ratio == pytest.approx(1.0 / 3.0)
+    assert Spectrum.of(np.zeros((2, 2))).ratio == 0.0
+
+
 def test_which_frame_is_observed_must_be_said_somewhere():
     mechanism = strut()
     unsaid = ClosedChainMechanism(mechanism.urdf, mechanism.loops.model_copy(update={"end_frame": None}))
