@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pouring_robot.calibration.report import ladle_line
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, notes_of, warnings_of
 from pouring_robot.checks.flags import DataFlag, FlagCode
 from pouring_robot.robot.heat_section import HeatSection
@@ -64,6 +65,14 @@ def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(fo
     assert added[1] == "no pose of the robot has the drives of 2 rows; left out"
     figures = calibration_metrics(short)
     assert (figures["fit"]["converged"], figures["rows"]["not_closing"]) == (False, 2)
+
+
+def test_of_a_workspace_without_a_pose_it_is_said_so(found):
+    """Limits of a robot file may leave none in which it closes."""
+    none = replace(found, ladle=replace(found.ladle, position_m=np.zeros((0, 3)), std_m=np.zeros((0, 3))))
+    assert calibration_metrics(none)["ladle"] == {"poses": 0}
+    assert ladle_line(none) == "the workspace box holds no pose the robot can take"
+    assert [any("known least" in line for line in next_measurements(one)) for one in (found, none)] == [True, False]
 
 
 def test_what_is_worse_is_told_of_every_kind(found):
