@@ -9,7 +9,8 @@ from scipy.optimize import least_squares
 
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, DescriptionError
-from pouring_robot.mechanism.closure.redundancy import redundant_drives
+from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
@@ -78,6 +79,16 @@ def test_turning_a_line_about_its_anchor_changes_nothing(closed):
     engine, _, found = closed
     turns = [p for p in engine.parameters if p.joint in JOINTS and p.unit == "rad"]
     assert np.abs(engine.transfer(found, turns).disagreement).max() < 1e-12
+
+
+@pytest.mark.parametrize("ways", [2, 99])
+def test_where_drives_disagree_in_fewer_ways_than_it_should_be_that_is_said(robot, ways):
+    """Four lines hold three coordinates: in one way, and the platform's turns leave more than drives can open."""
+    solver = ClosureSolver(robot.mechanism())
+    result = solver.result_at(robot.drawing().configuration_at(LENGTHS))
+    assert disagreement(solver, result, 1)[0].shape == (1,)
+    with pytest.raises(BadInputError, match=f"do not disagree in {ways} ways here"):
+        disagreement(solver, result, ways)
 
 
 def test_the_condition_is_that_of_the_directions_of_the_lines():

@@ -59,7 +59,7 @@ class Spectrum:
     @property
     def is_semidefinite(self) -> bool:
         """Whether no eigenvalue is negative by more than round-off."""
-        return bool(self.values[0] >= -SINGULAR_RATIO * abs(self.values[-1]))
+        return bool(self.values[0] >= -SINGULAR_RATIO * self.values[-1])
 
     @property
     def _determined(self) -> NDArray[np.bool_]:
