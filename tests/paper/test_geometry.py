@@ -86,7 +86,7 @@ def test_seven_errors_are_those_that_plain_geometry_gives(paper):
         found = errors.moves(label)
         sign = np.sign((expected * found).sum())
         np.testing.assert_allclose(found, arm @ pin.exp3(sign * 0.004 * np.eye(3)[axis]).T - arm, atol=1e-12)
-    arm = np.linalg.norm(study.layout.moving_centres.metres[0] * [1, 1, 0])
+    arm = np.linalg.norm(study.layout.moving_centres.metres[0][:2])
     assert errors.distance_m[errors.labels.index("α56")].max() <= 2.0 * np.sin(0.002) * arm + 1e-12
 
 
