@@ -177,8 +177,7 @@ class ClosureEnergy:
         self.workspace = _Workspace(self.model, self._constraints)
         self._is_3d = [loop.type == "3d" for loop in mechanism.loops.loops]
         translation, rotation = mechanism.loops.stiffness_si
-        rows = [[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d]
-        self._stiffness = np.array(rows).reshape(-1, 6)
+        self._stiffness = np.tile(np.repeat([translation, rotation], 3), (len(self._is_3d), 1))
         self.root_stiffness = np.sqrt(self._stiffness).reshape(-1, 1)
         self.springs = np.zeros(self.model.nv)
         for joint, stiffness in loads.drive_stiffness.items():
@@ -276,8 +275,7 @@ class ClosureEnergy:
         relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
         form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
         motion = joints.on_b - joints.on_a
-        local = body @ motion
-        displaced = local if columns is joints else body @ (columns.on_b - columns.on_a)
+        local, displaced = body @ motion, body @ (columns.on_b - columns.on_a)
         stiff = np.swapaxes(state.jlog, 1, 2) @ (self._stiffness[:, :, None] * state.jlog)
         curvature = stiff + self._relative_curvature(state, relative_wrench)
         change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
