@@ -12,7 +12,7 @@ from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode,
 from pouring_robot.checks.thermometers import readings
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
-from pouring_robot.exceptions import some
+from pouring_robot.exceptions import counted, some
 from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import FloatArray, Indices, runs
 
@@ -65,10 +65,10 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     usable, poses = int(campaign.usable.sum()), distinct_poses(campaign)
     metrics = {"usable_rows": float(usable), "distinct_poses": float(poses)}
     if usable < FEWEST_FOR_FRAMES:
-        message = f"{usable} rows can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
+        message = f"{counted(usable, 'row')} can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
         yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
     elif usable < FEW_ROWS:
-        yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{usable} rows can be used", metrics=metrics)
+        yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{counted(usable, 'row')} can be used", metrics=metrics)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
         remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"

@@ -52,8 +52,7 @@ def regress(
             f"pose and compensate cannot take {out}: it depends on {', '.join(found.foreign_inputs)}, and they give "
             "x, y, z (m) and tilt (rad) of the pouring robot; name these in --poses, or leave it out"
         )
-    if report is not None:
-        written += options.write_all({report: pages.html_report(found)})
+    written += options.write_all(options.wanted(report, lambda: pages.html_report(found)))
     if as_json:
         return options.print_figures(found.figures(), written)
     options.say(found.headline, style="bold")

@@ -38,7 +38,7 @@ def init(
     options.refuse_present([path])
     mappings = options.by_name("--mapping", mapping, "dof=6")
     text, found = first_robot(urdf, path, mappings)  # whatever does not load is refused before a file is written
-    options.written(path, lambda: text)
+    options.write_all({path: text})
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
     options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")

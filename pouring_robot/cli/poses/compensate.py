@@ -112,7 +112,7 @@ def _ladle(
         return compensated(built, command, asked.frame, law.moves_m(command) if law else None)
 
     found = _each(asked, robot, wanted, under, bring)
-    written = options.written(asked.out, lambda: commands_csv(found))
+    written = options.write_all(options.wanted(asked.out, lambda: commands_csv(found)))
     if asked.as_json:
         rows = [one.figures() | {"heat": warm.heat_figures(heated, one.state)} for one in found]
         return options.print_figures({**robot.model.named, "poses": rows}, written)
@@ -190,14 +190,14 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
         if asked.poses is None:
             made = make_controller(heated, asked.frame, show)
             headline, table = made.headline, made.to_frame()
-            files = {asked.header: made.header()} if asked.header else {}
+            files = options.wanted(asked.header, made.header)
         else:
             wanted = [(*pose.position_m, pose.tilt_rad) for pose in read_poses(asked.poses)]
             found = compensate_path(heated, wanted, asked.frame, show=show)
             headline, table = found.headline, found.to_frame()
             if not found.answered.any():
                 raise NoSolutionError(headline)
-    written = options.write_all(files | ({asked.out: str(table.to_csv(index=False))} if asked.out else {}))
+    written = options.write_all(files | options.wanted(asked.out, lambda: str(table.to_csv(index=False))))
     if asked.as_json:
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
         return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
@@ -215,7 +215,7 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
         return compensate_drives(standing, standing.location_of(command), asked.frame)
 
     found = _each(asked, robot, wanted, under, bring)
-    written = options.written(asked.out, lambda: drives_csv(found))
+    written = options.write_all(options.wanted(asked.out, lambda: drives_csv(found)))
     if asked.as_json:
         return options.print_figures({**robot.model.named, "poses": [one.figures() for one in found]}, written)
     options.say(found[0].headline if len(found) == 1 else _largest(found), style="bold")

@@ -70,8 +70,8 @@ def path(
     notes += (*conditions, *warm.twice_lines(present, warmth))
     notes += drawing.unlike_the_tree(locations, present.model, warm=heated is not None)
     rows = [_row(location) for location in locations]
-    files: dict[Path, bytes | str] = {out: rows_csv(rows)} if out else {}
-    written = options.write_all(files | drawing.files(locations, present.model, warm=heated is not None))
+    drawn = drawing.files(locations, present.model, warm=heated is not None)
+    written = options.write_all(options.wanted(out, lambda: rows_csv(rows)) | drawn)
     if as_json:
         return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
     if first := found[0].warm:
@@ -117,7 +117,7 @@ def _at_once(
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
     joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
-    written = options.write_all(({out: rows_csv(rows)} if out else {}) | drawing.joint_table(joints))
+    written = options.write_all(options.wanted(out, lambda: rows_csv(rows)) | drawing.joint_table(joints))
     notes = drawing.tree_notes(joints, lip.actual_position.values, robot.model, warm=heat is not None)
     if as_json:
         return options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)

@@ -264,17 +264,17 @@ class Drawing:
 
     def files(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> dict[Path, bytes | str]:
         """Return what was asked for, by the files that it is to be written to."""
-        found: dict[Path, bytes | str] = {}
-        if self.html or self.png:
-            # The drawing libraries take half a second to import; only commands that draw pay for it.
-            from pouring_robot.robot.view.scene import pose_scene
-            from pouring_robot.viewer.page import page
-            from pouring_robot.viewer.picture import png
+        table = self.joint_table(self._joint_rows(locations, model))
+        if not (self.html or self.png):
+            return table
+        # The drawing libraries take half a second to import; only commands that draw pay for it.
+        from pouring_robot.robot.view.scene import pose_scene
+        from pouring_robot.viewer.page import page
+        from pouring_robot.viewer.picture import png
 
-            scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
-            found |= {self.html: page(scene)} if self.html else {}
-            found |= {self.png: png(scene)} if self.png else {}
-        return found | self.joint_table(self._joint_rows(locations, model))
+        scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
+        drawn = options.wanted(self.html, lambda: page(scene)) | options.wanted(self.png, lambda: png(scene))
+        return drawn | table
 
     def _joint_rows(self, locations: Sequence[Location], model: RobotModel) -> list[JointRow]:
         """Return the joint values at locations, none if they were not asked for."""
@@ -285,11 +285,11 @@ class Drawing:
         offsets = model.drive_offset_values()
         return [JointRow.of(one.actual, offsets, one.drives) for one in locations]
 
-    def joint_table(self, rows: Sequence[JointRow]) -> dict[Path, str]:
+    def joint_table(self, rows: Sequence[JointRow]) -> dict[Path, bytes | str]:
         """Return the joint values of the robot as built, for the exported tree, by their file; {} if none is wanted."""
         from pouring_robot.robot.export.joints import joints_text
 
-        return {self.joints: joints_text(rows, self.joints)} if self.joints else {}
+        return options.wanted(self.joints, lambda: joints_text(rows, self.joints or Path()))
 
     def unlike_the_tree(self, locations: Sequence[Location], model: RobotModel, *, warm: bool) -> list[str]:
         """Say in a line by how much the exported tree misses a robot that is warm or under conditions."""

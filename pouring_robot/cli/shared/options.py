@@ -248,11 +248,9 @@ def print_figures(figures: Mapping[str, Any], written: Iterable[Path] = ()) -> N
     print_json({**figures, "written": [str(path) for path in written]})
 
 
-def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
-    """Write a file that was asked for, if one was, and return it."""
-    from pouring_robot.io.files import write_whole
-
-    return [] if path is None else [write_whole(path, text(), overwrite=OVERWRITE.get())]
+def wanted(path: Path | None, content: Callable[[], bytes | str]) -> dict[Path, bytes | str]:
+    """Return what a file is to hold that was asked for, by its path; {} if none was."""
+    return {} if path is None else {path: content()}
 
 
 def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
