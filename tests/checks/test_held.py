@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.nominal import nominal_poses
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
+from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.smooth_errors import Aligned
 from pouring_robot.mechanism.rotations import rotation_vectors
 from tests.campaign.simulated import codes
@@ -68,6 +69,15 @@ def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, into_socke
     assert stuck(flags) == [Severity.NOTE]
     assert f"stood still{f' at each of {sockets} places' if sockets > 1 else ''} while" in str(flags)
     assert codes(flags) <= {FlagCode.STUCK_COLUMN, FlagCode.NO_TEMPERATURES}
+
+
+@pytest.mark.parametrize(("lost", "places"), [(12, 1), (13, 0)])
+def test_a_socket_at_which_most_rows_have_no_pose_is_not_told(arm, into_sockets, lost, places):
+    (drives, _), (stated, _) = into_sockets
+    reached = nominal_poses(arm.drawing, drives)
+    known = np.where(np.arange(len(drives)) < lost, np.nan, 1.0)
+    poses = PoseStack(known[:, None] * reached.position_m, known[:, None, None] * reached.rotation)
+    assert len(held_rows(measured(arm, drives, stated), arm.drawing, poses)) == places
 
 
 def test_sockets_may_be_changed_each_time_and_hold_a_row_that_is_wrong(arm, into_sockets):
