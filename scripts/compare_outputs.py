@@ -77,22 +77,11 @@ COMMANDS = {
     "paper/thermal": "reproduce_paper.py thermal",
 }
 HELP = (
-    "pose",
-    "path",
-    "robots",
-    "view",
-    "export",
-    "sweep",
-    "calibrate",
-    "diagnose",
-    "effects",
-    "thermal",
-    "compensate",
-)
+    "examples", "robots", "robot", "pose", "path", "view", "campaign", "diagnose", "effects", "calibrate",
+    "compensate", "sensitivity", "sweep", "thermal", "regress", "export",
+)  # fmt: skip
 COMMANDS |= {f"help/{name}": f"{name} --help" for name in HELP}
-COMMANDS |= {
-    f"help/campaign {name}": f"campaign {name}" for name in ("--help", "plan --help", "simulate --help", "check --help")
-}
+COMMANDS |= {f"help/campaign {name}": f"campaign {name}" for name in ("plan --help", "simulate --help", "check --help")}
 
 TEXTS = {".csv", ".json", ".md", ".txt", ".urdf", ".xml", ".yaml", ".yml"}
 NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\d.]*\d)")
@@ -277,6 +266,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     cases = slice(*(int(part) if part else None for part in given.cases.split(":")))
     chosen = commands(given.campaigns, cases, given.only)
+    if not chosen:
+        parser.error(f"no command is called {' or '.join(given.only)}")
     tolerance = Tolerance(given.relative, given.absolute)
     differing = 0
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(2) as pool:

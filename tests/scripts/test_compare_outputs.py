@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from scripts.compare_outputs import Tolerance, compare, difference
+from pouring_robot.cli.app import _MODULES
+from scripts.compare_outputs import HELP, Tolerance, compare, difference, main
 
 
 @pytest.mark.parametrize(
@@ -47,3 +48,9 @@ def test_files_of_one_side_only():
     largest, faults = compare({"exit code": "code 0", "a.csv": "1"}, {"exit code": "code 2", "b.csv": "1"}, Tolerance())
     assert faults == ["a.csv: only before", "b.csv: only after", "exit code: 0 → 2 in: code 0"]
     assert largest == 1.0
+
+
+def test_a_comparison_of_nothing_is_no_success():
+    with pytest.raises(SystemExit) as ended:
+        main([".", ".", "--only", "nothing*"])
+    assert ended.value.code == 2 and {*_MODULES} == {*HELP}
