@@ -277,7 +277,7 @@ def outcome(read: Callable[[Path], object], path: Path) -> str:
         read(path)
     except PouringRobotError as error:
         said = str(error)
-        return "refused" if said and "\n" not in said and len(said) < 2000 else f"refused in {said!r:.200}"
+        return "refused" if said and len(said) < 2000 else f"refused in {said!r:.200}"
     except _TooLong:
         return "over 10 s"
     except MemoryError:

@@ -17,7 +17,7 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(name):
 
 
 @pytest.mark.parametrize(
-    "fault", [KeyError("x"), BadInputError("two\nlines"), BadInputError(""), MemoryError(), OSError(1)]
+    "fault", [KeyError("x"), BadInputError(2000 * "x"), BadInputError(""), MemoryError(), OSError(1)]
 )
 def test_the_study_sees_faults(tmp_path, fault):
     def read(path):
