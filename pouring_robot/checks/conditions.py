@@ -60,7 +60,7 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     for name in campaign.robot.travels:
         values, (low, high) = known(campaign, name), limits.get(name, (-np.inf, np.inf))
         # Rails may be longer than the drawing's, or counted from elsewhere, but not ten times as long.
-        largest, reach = float(np.abs(values).max(initial=0.0)), _FAR * (high - low)
+        largest, reach = float(np.abs(values).max(initial=0.0)), max(_FAR * (high - low), -low, high)
         if largest <= reach:
             continue
         factors = [(1.0, ""), *LENGTH_MISTAKES]

@@ -285,6 +285,16 @@ def test_is_silent_on_sound_data(request, drawing, name):
     assert check_campaign(request.getfixturevalue(name).campaign, drawing.kinematics) == []
 
 
+def test_a_rail_may_begin_far_from_zero(clean, drawing, monkeypatch):
+    """Of a short one that counts from the end of a long hall, values between its ends are sound, and mm still told."""
+    limits = drawing.kinematics.mechanism.joint_limits() | {"truss_travel": (100.0, 103.0)}
+    monkeypatch.setattr(type(drawing.kinematics.mechanism), "joint_limits", lambda _: limits)
+    along = np.linspace(100.0, 103.0, len(clean.campaign))
+    assert check_campaign(damaged(clean.campaign, truss_travel=along), drawing.kinematics) == []
+    in_mm = check_campaign(damaged(clean.campaign, truss_travel=1e3 * along), drawing.kinematics)
+    assert codes(in_mm) == {"condition_unit"}
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_thermometers_are_checked_for_themselves(clean, drawing, count):
     """No others say when such a part is cold; what is beyond any hall is told all the same."""
