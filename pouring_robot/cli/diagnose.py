@@ -47,8 +47,9 @@ def diagnose(
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions
     from pouring_robot.diagnosis.diagnose import diagnose as run
-    from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
+    from pouring_robot.diagnosis.report.export import METRICS, MODEL, NEXT, diagnosis_metrics
 
+    options.refuse_inputs([out / MODEL, out / NEXT])
     present = bundles.Which(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())),
