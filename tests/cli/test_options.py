@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from pouring_robot.cli.app import _MODULES, main
+from pouring_robot.cli.app import _MODULES
 from pouring_robot.cli.shared.progress import time_left
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.robot.model import RobotModel
@@ -142,7 +142,8 @@ def test_a_folder_that_is_gone_is_said_to_be(run, tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    assert main(["robots"]) == 2
+    code, _, err = run("robots")
+    assert code == 2 and "the folder that this runs in is gone" in err
     monkeypatch.chdir(tmp_path)
 
 

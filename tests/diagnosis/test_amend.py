@@ -87,7 +87,7 @@ def test_an_offset_found_is_an_offset_of_the_drive(diagnosed):
     offsets = amended(found).drive_offsets
     joints = {f"l{k}_offset": f"leg{k}_s3" for k in (1, 2, 3)}
     found = {name: offsets[joint].offset_mm for name, joint in joints.items() if joint in offsets}
-    assert found and found == pytest.approx({name: values[name] for name in found}, abs=1e-3)
+    assert found and found == pytest.approx({name: values[name] for name in joints if name in values}, abs=1e-3)
 
 
 def test_other_commands_say_what_they_leave_out(case, capsys):

@@ -21,7 +21,7 @@ from pouring_robot.exceptions import (
 )
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.layout import render_urdf, shipped_layouts_file
+from pouring_robot.robot.pouring.layout import load_layout, render_urdf, shipped_layouts_file
 from pouring_robot.robot.pouring_robot import load_robot
 from tests.support import ACTUAL, ROOT, crooked_model
 
@@ -102,7 +102,7 @@ def test_files_of_a_model_stay_its_own_wherever_the_process_goes(tmp_path, monke
     Path("model.yaml").write_text("layouts_file: mine.yaml\n")
     robot = load_robot("model.yaml")
     monkeypatch.chdir(tmp_path / "b")
-    assert robot.model.layout == "paper"
+    assert robot.layout == load_layout()
     assert load_robot(robot.model.save("model.yaml")).model == robot.model
 
 
