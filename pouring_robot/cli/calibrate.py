@@ -35,7 +35,7 @@ def calibrate(
     """Identify the robot as built from a measurement campaign, and write its model file, URDF and report."""
     from pouring_robot.calibration.calibrate import CalibrationOptions
     from pouring_robot.calibration.calibrate import calibrate as run
-    from pouring_robot.calibration.summary import MODEL, calibration_metrics
+    from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.map_fit import FitOptions
     from pouring_robot.robot.description.urdf import urdf_files
@@ -54,7 +54,7 @@ def calibrate(
     # Where its URDF will stand, its meshes, and files that are read: refused before the fit, not after it.
     robot_of(present).location_in_the_middle()
     tree = urdf_files(present.urdf(), out, present.definition.files_beside())
-    options.refuse_inputs([*tree, out / MODEL])
+    options.refuse_inputs(tree)
     with progress.stage_bars() as show:
         found = run(data, present, chosen, show)
         show("writing", 0, 0)

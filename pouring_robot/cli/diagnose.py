@@ -49,7 +49,7 @@ def diagnose(
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, NEXT, diagnosis_metrics
 
-    options.refuse_inputs([out / MODEL, out / NEXT])
+    options.refuse_inputs([out / NEXT])
     present = bundles.Which(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())),

@@ -9,7 +9,6 @@ import pytest
 from pouring_robot.cli.app import _MODULES
 from pouring_robot.cli.shared.progress import time_left
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.robot.model import RobotModel
 from tests.support import ACTUAL, LEARNED, ROOT
 
 _COMMANDS = tuple(_MODULES)
@@ -91,19 +90,17 @@ def test_overwrite_replaces(run, tmp_path):
 
 
 def test_a_file_that_is_read_is_not_replaced_by_one_that_goes_with_another(run, tmp_path):
-    """A campaign's YAML stands beside its table; a robot file, a model and a plan in the folder of what is found."""
+    """A campaign's YAML stands beside its table; a robot file and a plan in the folder of what is found."""
     model = tmp_path / "m.yaml"
     model.write_bytes(ACTUAL.read_bytes())
     shutil.copytree(ROOT / "examples" / "machines" / "ur10", tmp_path / "arm")
     robot, campaign = tmp_path / "arm" / "robot.yaml", tmp_path / "arm" / "series_a.csv"
-    RobotModel.for_robot(robot).save(tmp_path / "arm" / "model.yaml")
     for suffix in (".csv", ".yaml"):
         campaign.with_suffix(suffix).with_stem("next").write_bytes(campaign.with_suffix(suffix).read_bytes())
     for command in (
         f"campaign simulate --random 2 --model {model} --out m.csv --overwrite",
         f"export --robot {robot} --out arm --overwrite",
         f"calibrate {campaign} --robot {robot} --out arm --overwrite",
-        f"diagnose {campaign} --model arm/model.yaml --out arm --overwrite",
         f"diagnose arm/next.csv --robot {robot} --out arm --overwrite",
     ):
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
