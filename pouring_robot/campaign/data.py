@@ -305,13 +305,6 @@ class Campaign(Result):
         names = np.array(self.sessions)
         return {name: np.flatnonzero(names == name) for name in dict.fromkeys(self.sessions)}
 
-    def alike(self, rows: Indices, keys: NDArray[np.int64]) -> list[Indices]:
-        """Return those of the rows (k,) that have session and keys, (k, m), in common: groups of two or more."""
-        groups: dict[tuple[object, ...], list[int]] = {}
-        for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
-            groups.setdefault((self.sessions[row], *key), []).append(row)
-        return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
-
     @property
     def time_s(self) -> FloatArray | None:
         """Time of measurement, (n,), in s."""
@@ -389,8 +382,8 @@ class Campaign(Result):
         except IndexError:
             chosen = np.empty(0, dtype=np.intp)
         if chosen.ndim != 1 or chosen.size == 0 or given.min() < 0:
-            masked = f"or a mask of all {count}, of which at least one is chosen"
-            raise BadInputError(f"rows of a campaign are indices from 0 to {count - 1}, at least one, {masked}")
+            said = f"indices from 0 to {count - 1}, or a mask of all {count}; at least one is chosen"
+            raise BadInputError(f"rows of a campaign are {said}")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
         changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}

@@ -6,6 +6,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
+from pouring_robot.estimation.noise import alike
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -51,7 +52,7 @@ def _places(campaign: Campaign) -> list[Indices]:
     """
     whole = np.flatnonzero(campaign.position_measured.all(axis=1) & np.isfinite(campaign.drives).all(axis=1))
     counted = np.round(campaign.position_m[whole] / _SAME_PLACE_M).astype(np.int64)
-    found = [rows for rows in campaign.alike(whole, counted) if np.ptp(campaign.drives[rows], axis=0).max() > _MOVED]
+    found = [rows for rows in alike(campaign, whole, counted) if np.ptp(campaign.drives[rows], axis=0).max() > _MOVED]
     return found if 2 * sum(rows.size for rows in found) >= whole.size else []
 
 

@@ -238,7 +238,15 @@ def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
         if quantity.kind in SET and (values := campaign.quantity(quantity.name)) is not None:
             largest = np.abs(np.nan_to_num(values)).max(initial=0.0) if quantity.kind == "mass" else 0.0
             settings.append(_levels(values[rows], max(_SAME_LOAD * largest, _SAME_DRIVE))[:, None])
-    return campaign.alike(rows, np.hstack(settings))
+    return alike(campaign, rows, np.hstack(settings))
+
+
+def alike(campaign: Campaign, rows: Indices, keys: NDArray[np.int64]) -> list[Indices]:
+    """Return those of the rows (k,) that have session and keys, (k, m), in common: groups of two or more."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
+        groups.setdefault((campaign.sessions[row], *key), []).append(row)
+    return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 
 
 def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
