@@ -87,6 +87,11 @@ def _before_any_command(
 
 
 def _complain(message: str) -> None:
+    """Say in a line what is wrong, and whether the folder that this runs in is gone, which much else comes from."""
+    try:
+        Path.cwd()
+    except OSError:
+        message += "; the folder that this runs in is gone: change into another"
     _to_stderr("pouring-robot: " + " ".join(message.split()))
 
 
@@ -99,11 +104,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
-    try:
-        Path.cwd()
-    except OSError:
-        _complain("the folder that this runs in is gone; change into another")
-        return ExitCode.BAD_INPUT
     try:
         return _run(given)
     except Exception as error:

@@ -139,8 +139,11 @@ def test_a_folder_that_is_gone_is_said_to_be(run, tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    code, _, err = run("robots")
-    assert code == 2 and "the folder that this runs in is gone" in err
+    for command in ("path poses.csv", "examples copy here", f"campaign check {POSES}"):
+        code, _, err = run(*command.split())
+        assert code == 2 and "the folder that this runs in is gone" in err
+    for command in ("--version", "pose -h", f"robots --robot {ROOT}/examples/machines/ur10/robot.yaml"):
+        assert run(*command.split())[0] == 0, "it needs no folder"
     monkeypatch.chdir(tmp_path)
 
 
