@@ -41,7 +41,6 @@ from numpy.typing import NDArray
 from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
 from pouring_robot.exceptions import SweepStoreError
 from pouring_robot.io.files import hidden_name
-from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
 STORE = "results.zarr"
@@ -316,7 +315,7 @@ def _arrays(plan: SweepPlan) -> dict[str, _Array]:
     either = {"units": "m or rad, see 'unit'"}
     codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
     place, known = f"{plan.mechanism.loops.end_frame}, commanded", _Array.known
-    tilts = isinstance(plan.model.definition, PouringDefinition)
+    tilts = plan.model.definition.command_columns[-1].name == "tilt"
     tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if tilts else {}
     errors = (both[0], len(parameters)), (block[0], len(parameters)), ("sample", "parameter")
     moved = (*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis")

@@ -26,7 +26,6 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.pouring.definition import PouringDefinition
 
 USUAL_COUNT = 10
 RANDOM_SETS = 50
@@ -66,7 +65,7 @@ class SuggestedMeasurement:
     @property
     def in_drives(self) -> bool:
         """Whether the robot is commanded by its drives, not by poses."""
-        return not isinstance(self.robot, PouringDefinition)
+        return {column.name for column in self.robot.command_columns} == {drive.column for drive in self.robot.drives}
 
     def plan_row(self, number: int) -> dict[str, Any]:
         """Return it as a row of a plan: what to command, and the conditions."""

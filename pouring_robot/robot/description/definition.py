@@ -335,6 +335,11 @@ class RobotDefinition:
             axes.append(CommandAxis(column, lower, upper, drive))
         return tuple(axes)
 
+    @property
+    def command_columns(self) -> tuple[Quantity, ...]:
+        """The columns of a command in a table."""
+        return self.drive_columns
+
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
         """Return the DH table of the drawing; None for a robot that has none."""
         return None

@@ -58,11 +58,15 @@ class PouringDefinition(RobotDefinition):
         """Return the DH table of the four chains."""
         return _dh_table(nominal)
 
+    @property
+    def command_columns(self) -> tuple[Quantity, ...]:
+        """Place and tilt of the platform."""
+        return (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
+
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
-        """Return place and tilt of the platform, inside the workspace box."""
-        places = (Quantity(name, "length", required=True) for name in "xyz")
+        """Return the same, inside the workspace box."""
         box = load_layout(self.layout, self.layouts_file).box
-        edges = zip((*places, Quantity("tilt", "angle", required=True)), *(end.tolist() for end in box), strict=True)
+        edges = zip(self.command_columns, *(corner.tolist() for corner in box), strict=True)
         return tuple(CommandAxis(column, lower, upper) for column, lower, upper in edges)
 
 
