@@ -123,9 +123,9 @@ def calibrate(
         selection = select_groups(rows, task.measured, parts, candidates, tolerances, options.fit, progress)
     present = task.fitted(())
     progress("fitting", 0, 0)
-    answer = task.fitted(selection.groups)
+    answer = task.fitted(selection.groups) if selection.groups else present
     progress("judging", 0, 0)
-    refused = task.refusal(selection, present, answer) if options.choose else None
+    refused = task.refusal(selection, present, answer) if options.choose and selection.groups else None
     if refused:
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
@@ -193,12 +193,8 @@ class _Task:
         """Return what a fit begins with: training rows, what was measured in them, unknowns and their priors."""
         used, seen = self.training
         train = rows[used]
-        return (
-            train,
-            seen,
-            first_frames(train, seen),
-            rows.model.prior_std(self.tolerances, framed=self.measured.framed),
-        )
+        prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
+        return train, seen, first_frames(train, seen), prior_std
 
     def noise_left_over(self) -> NoiseLevel:
         """Return the noise with what nobody states of it taken from what a fit of everything leaves over."""
@@ -225,7 +221,7 @@ class _Task:
         """Return why groups that were chosen are not kept; None where the rows held out bear them."""
         test = self.parts.test
         scores = (row_scores(one.left[test], self.every.sigma) for one in (present, answer))
-        if not selection.groups or acceptable(*scores):
+        if acceptable(*scores):
             return None
         names = tuple(group.name for group in selection.groups)
         return Refusal(names, Misfit.of(present.left[test]), Misfit.of(answer.left[test]))
