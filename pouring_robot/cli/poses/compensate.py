@@ -73,8 +73,7 @@ def compensate(
             raise BadInputError("--at-once and --header know the pouring robot only")
         if commanded.given or thermal_model:
             raise BadInputError("--at-once and --header go without --at-mm, --drives and --thermal-model")
-        options.refuse_conditional(present, "--at-once" if asked.at_once else "--header")
-        under.of(present)  # refuses what nothing depends on
+        under.refuse_with("--at-once" if asked.at_once else "--header", present)
         _in_bulk(asked, present, warmth)
         return
     wanted = {0: commanded.of(present)} if asked.poses is None else under.read_commands(present, asked.poses)

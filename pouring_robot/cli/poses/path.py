@@ -50,8 +50,7 @@ def path(
     if at_once:
         if drawing.html or drawing.png:
             raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
-        options.refuse_conditional(present, "--at-once")
-        under.of(present)  # refuses what nothing depends on
+        under.refuse_with("--at-once", present)
         _at_once(present, warmth, commanded, drawing, out, as_json)
         return
     robots, conditions = under.robots(present, commanded, poses)

@@ -152,6 +152,15 @@ class Under:
             raise BadInputError(f"'{min(twice)}' is given by --condition and by a column; keep one")
         return RobotUnderConditions(robot, told | given)
 
+    def refuse_with(self, option: str, robot: Robot) -> None:
+        """Refuse effects that depend on conditions, and conditions, beside an option that takes one robot for all."""
+        if robot.model.conditional:
+            effects = ", ".join(robot.model.conditional)
+            raise BadInputError(
+                f"{option} takes the same robot at every pose, and {effects} depend on conditions; leave it out"
+            )
+        self.of(robot)
+
     def robots(
         self, robot: Robot, commands: Mapping[int, Command], poses: Path | None = None
     ) -> tuple[list[Robot], tuple[str, ...]]:

@@ -208,15 +208,6 @@ def with_melt(robot: Robot) -> PouringRobot:
     )
 
 
-def refuse_conditional(robot: Robot, option: str) -> None:
-    """Refuse an option that takes one robot for all poses, where effects depend on conditions."""
-    if robot.model.conditional:
-        effects = ", ".join(robot.model.conditional)
-        raise BadInputError(
-            f"{option} takes the same robot at every pose, and {effects} depend on conditions; leave it out"
-        )
-
-
 def by_name(option: str, texts: Iterable[str] | None, such_as: str) -> dict[str, str]:
     """Return what is said by an option that is repeated, NAME=VALUE each; BadInputError where one is not so."""
     said = dict[str, str]()
