@@ -178,7 +178,8 @@ def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
 
 def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
-    values = commands(campaign.drives)  # repeats of a pose are not parted
+    values = np.zeros(campaign.drives.shape, dtype=np.int64)  # of other rows a drive may not be known
+    values[rows] = commands(campaign.drives[rows])  # repeats of a pose are not parted
     spread = np.maximum(values[rows].std(axis=0), np.finfo(float).tiny)
     whole, divisible = list[Indices](), [rows]
     while divisible and len(whole) + len(divisible) < BLOCKS:

@@ -25,6 +25,16 @@ def test_blocks_cover_every_row_once(clean):
             assert not set(parts.test) & ({*train} | {*judged})
 
 
+def test_rows_without_a_drive_stand_in_no_region_and_change_none(clean):
+    drives = clean.campaign.drives.copy()
+    drives[5, 2] = np.nan
+    lacking = dataclasses.replace(clean.campaign, drives=drives)
+    whole = blocks(clean.campaign, "region", np.array([5]))
+    assert {name: rows.tolist() for name, rows in blocks(lacking, "region", NONE).items()} == {
+        name: rows.tolist() for name, rows in whole.items()
+    }
+
+
 def test_time_is_judged_forwards(clean):
     parts = split(clean.campaign, NONE, "time")
     assert parts.test.min() > parts.train.max()
