@@ -19,7 +19,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
 from pouring_robot.estimation.kinds import component_name
-from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
+from pouring_robot.inference.gp_kernels import cycling, row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
 from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -31,6 +31,7 @@ _USUAL = 0.3e-3
 _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
 DRIVES, SEEN = "drives", "readings"
 CONSTANT = "a constant"
+CYCLES = "time, in cycles"
 SIDE = "side of approach"
 OTHERS = "other drives"
 _MOST_BY_CHANCE = 600
@@ -45,6 +46,7 @@ _OTHERS_MOST = 8
 _SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
 _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
 _LEAN_LENGTHS = {"coarsely": 0.5, "finely": 0.25}
+_DURATIONS = {"h": 3600.0, "min": 60.0, "s": 1.0}
 _LEAN_UNIT_M, _LEAN_UNIT_RAD = 0.3, 0.4
 
 Lengths = dict[str, FloatArray]  # courses (n, k) by the length scale in words
@@ -104,7 +106,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
-        *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose)),
+        *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose, *_of_cycles(given))),
         *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
         *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
         *_of_own_value(places),
@@ -125,7 +127,8 @@ def disagreements_of(places: Places) -> Iterator[Process]:
     counts on scales that are short against its stroke: the rest is a matter of pose.
     """
     given, found = places.given, []
-    for by, lengths in (*_of_one_condition(places.given), *_of_pose(places.given, _COMPONENT_LENGTHS)):
+    pose = _of_pose(given, _COMPONENT_LENGTHS)
+    for by, lengths in (*_of_one_condition(given), *pose, *_of_cycles(given)):
         found.append((by, {words: _without_mean(course) for words, course in lengths.items()}))
     for one in places.seen:
         yield from (_moved(one.name, by, [one], lengths) for by, lengths in found)
@@ -174,6 +177,18 @@ def _of_one_condition(given: Conditions) -> Iterator[tuple[str, Lengths]]:
     """Yield what may depend on one condition, in its usual size."""
     for by, course in _courses(given):
         yield by, {"": _USUAL * course}
+
+
+def _of_cycles(given: Conditions) -> Iterator[tuple[str, Lengths]]:
+    """Yield what may come and go with time, by its period."""
+    waves = cycling(given.time_s) if given.time_known else {}
+    if waves:
+        yield CYCLES, {_between(*periods): _USUAL * wave for periods, wave in waves.items()}
+
+
+def _between(least_s: float, most_s: float) -> str:
+    unit, size = next((unit, size) for unit, size in _DURATIONS.items() if least_s >= 2.0 * size or unit == "s")
+    return f"{least_s / size:.3g} to {most_s / size:.3g} {unit}"
 
 
 def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:

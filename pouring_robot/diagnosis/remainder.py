@@ -1,11 +1,12 @@
 """What is left after the best known effects, row by row: a description, not a cause."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import table_of
 from pouring_robot.estimation.kinds import component_name, component_shown_in
@@ -45,10 +46,16 @@ class Remainder:
         return component_name(self.worst)
 
     @property
+    def by(self) -> str:
+        """What it depends on, in words."""
+        process = self.structure.process
+        return f"{process.by} of {self.structure.length}" if process.by == CYCLES else process.by
+
+    @property
     def sentence(self) -> str:
         """It in words."""
         unit, scale = component_shown_in(self.worst)
-        words, axis = self.structure.process.words, "the tracker's " if self.worst < 6 else ""
+        words, axis = replace(self.structure.process, by=self.by).words, "the tracker's " if self.worst < 6 else ""
         text = (
             f"{words}: {self.size:.1f} times the noise, mostly in {axis}"
             f"{self.component} ({rms(self.missed[:, self.worst]) / scale:.3f} {unit} rms)"

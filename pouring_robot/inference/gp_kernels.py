@@ -18,6 +18,7 @@ from pouring_robot.inference.evidence import eigen
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 
 _NEGLIGIBLE = 1e-3
+_MOST_CYCLES, _BETWEEN_CYCLES = 50.0, 0.5
 _LANDMARKS = 400
 """Of more rows, so many stand for all in a kernel (Nyström's method), so that its cost is linear in the rows."""
 
@@ -67,6 +68,23 @@ def wandering(values: FloatArray, most: int = 25) -> FloatArray:
     spread = float(np.ptp(values))
     place = (values - values.min()) / spread if spread > 0.0 else np.zeros(len(values))
     return _principal(place[:, None], lambda one, other: np.minimum(one, other.T), most, centred=True)
+
+
+def cycling(values: FloatArray) -> dict[tuple[float, float], FloatArray]:
+    """Return columns of a wave along ``values`` (n,) whose size and phase drift, by the periods that it stands for.
+
+    It comes again twice or more often, and has four rows or more on average. What drifts makes up for the periods
+    between two that are tried: of one halfway it leaves a hundredth of its square.
+    """
+    spread, most = float(np.ptp(values)), min(len(np.unique(values)) / 4.0, _MOST_CYCLES)
+    place, found = values - values.mean(), {}
+    for cycles in np.arange(2.0, most, _BETWEEN_CYCLES).tolist():
+        turn = 2.0 * np.pi * cycles * place / spread
+        wave = np.column_stack([np.cos(turn), np.sin(turn)])
+        columns = np.hstack([wave, wave * (place / np.abs(place).max())[:, None]])
+        periods = spread / (cycles + 0.5 * _BETWEEN_CYCLES), spread / (cycles - 0.5 * _BETWEEN_CYCLES)
+        found[periods] = columns / np.sqrt((columns**2).sum() / len(columns))
+    return found
 
 
 def separate(labels: NDArray[np.int64]) -> FloatArray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.inference.gp_kernels import separate, smooth, standardised, wandering
+from pouring_robot.inference.gp_kernels import cycling, separate, smooth, standardised, wandering
 
 
 def kernel(columns):
@@ -45,9 +45,30 @@ def test_wandering_is_the_centred_minimum_of_two_times():
     np.testing.assert_allclose(kernel(wandering(3.0 + 60.0 * place)), expected, atol=1e-9)
 
 
+def test_any_wave_that_comes_again_is_one_of_those_tried(rng):
+    """Of one as far as can be from all that are tried a hundredth of the square is left, and its period is told."""
+    values = np.sort(rng.uniform(0.0, 60.0, 200))
+    waves = cycling(values)
+    assert {columns.shape for columns in waves.values()} == {(200, 4)}
+    spread, left = np.ptp(values), {}
+    for periods, columns in waves.items():
+        wave = np.sin(2.0 * np.pi * values / (spread / 7.25) + 1.0)
+        left[periods] = np.linalg.lstsq(columns, wave, rcond=None)[1].item() / (wave @ wave)
+    least, most = min(left, key=left.get)
+    assert least * (1.0 - 1e-9) <= spread / 7.25 <= most * (1.0 + 1e-9)
+    assert min(left.values()) < 0.012
+
+
+def test_too_few_rows_show_no_wave():
+    assert not cycling(np.arange(8.0))
+    assert not cycling(np.full(60, 3.0))
+    assert len(cycling(np.arange(10.0))) == 1
+
+
 def test_expected_square_is_one(rng):
     values = rng.normal(size=60)
     for columns in (
+        *cycling(values).values(),
         smooth(values, 0.3),
         smooth(values, 5.0),
         smooth(values, 0.1, most=7),

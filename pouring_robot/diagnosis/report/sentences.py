@@ -373,7 +373,7 @@ def _where_to_look(diagnosis: Conclusions) -> str:
             "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
             "is (metrology in the YAML); if not, something that changes from row to row is missing"
         )
-    by = [x.structure.process.by for x in diagnosis.remainder if x.structure.process.by != CHANCE]
+    by = [left.by for left in diagnosis.remainder if left.by != CHANCE]
     if not by:
         return "measure the same poses again under other conditions: what changes tells what it depends on"
     return (

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
@@ -97,7 +98,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     found: dict[str, Contender] = {}
     for process, rest in named[: 2 * MOST_RIVALS]:
         name, item = process.name, prospect.explanation(process.name)
-        if item is None or name in found or process.by == CHANCE:
+        if item is None or name in found or process.by in (CHANCE, CYCLES):  # no pose tells
             continue
         wider = replace(rest, problem=rest.problem.and_also((item,)))
         worth = wider.candidate_bayes_factor(item)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, CYCLES, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.ranks import rank_correlation
 from pouring_robot.effects.conditions import Conditions
@@ -103,6 +103,8 @@ def _opening(main: Summand, given: Conditions) -> str:
         # The longest scale tried stands for longer ones, too.
         longest = main.length == next(iter(main.process.lengths))
         return f"Varies along its {by}, on a scale of {main.length}{' or more' if longest else ''}"
+    if by == CYCLES:
+        return f"Comes and goes with time, once in {main.length}"
     axes = (facts.axis(given) for facts in known_facts(given.robot).values() if facts.word == by)
     label, values = next(axes, ("", None))
     if values is None or np.ptp(values) == 0.0:
