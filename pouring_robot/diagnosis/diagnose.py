@@ -16,13 +16,14 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
-from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
-from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of, varied
+from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
+from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.diagnosis.searched import Asked, Searched
 from pouring_robot.diagnosis.suggest.next_measurements import USUAL_COUNT
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import Where, disagreements
@@ -36,7 +37,7 @@ from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import calm, gross_errors
+from pouring_robot.inference.gross_errors import calm
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import sums_of
@@ -55,9 +56,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _FEWEST_ROWS = 8
-_NOISE_ROUNDS, _NOISE_SETTLED = 20, 0.02
-"""Every round is a whole search, from what the one before found; nine were seen, of rotations ninety times as poor as
-positions. 2 % of the noise is 4 % of a difference of evidence, which decides nothing."""
 _GROSS_ERROR_ROUNDS = 3
 
 
@@ -179,7 +177,7 @@ def diagnose(
     with forked(lambda: _where(asked.diagnoser)) as where:  # a core that the search leaves free
         found = work.searched(asked)
         for _ in range(_GROSS_ERROR_ROUNDS):
-            more = _gross_errors(found)
+            more = found.gross_errors
             if not more.size:
                 break
             progress("leaving out rows that fit nothing", 0, 0)
@@ -188,6 +186,7 @@ def diagnose(
             if not calm(again.hypothesis.remainder):
                 break
             found = again
+        found = found.beside_unknown()
         if found.diagnoser is asked.diagnoser:
             return work.judged(found, tuple(flags), where)
     with forked(lambda: _where(found.diagnoser)) as where:
@@ -200,37 +199,6 @@ def _where(diagnoser: Diagnoser) -> Where:
     return disagreements(_free_residuals(diagnoser.at_rest(), rows), rows.conditions, diagnoser.asked.false_names)
 
 
-@dataclass(frozen=True, eq=False)
-class _Asked:
-    """A campaign with some rows left out."""
-
-    left_out: Indices
-    inliers: Indices
-    parts: Split | None
-    notes: tuple[str, ...]
-    diagnoser: Diagnoser
-
-
-@dataclass(frozen=True, eq=False)
-class _Searched:
-    """What explains it best, under the noise that the diagnoser knows."""
-
-    asked: _Asked
-    diagnoser: Diagnoser
-    after: LinearState
-    hypothesis: Hypothesis
-    settled: bool  # whether what is left over is as large as that noise, where it is to tell it
-
-
-def _gross_errors(found: _Searched) -> Indices:
-    """Return the rows that nothing explains, by index in the campaign."""
-    given, hypothesis = found.diagnoser.rows.conditions, found.hypothesis
-    residuals = hypothesis.remainder, hypothesis.deletion_residual
-    courses, row = (poses(given), given.time_s[:, None]), found.after.fitted_rows.row
-    more = gross_errors(residuals, row, found.diagnoser.fitted, found.asked.left_out.size, courses)
-    return found.asked.inliers[more]
-
-
 @dataclass(frozen=True)
 class _Work:
     """One campaign, as often as it takes."""
@@ -241,7 +209,7 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def asked(self, wrong: Indices) -> _Asked:
+    def asked(self, wrong: Indices) -> Asked:
         """Return the campaign with some rows left out, and those for want of a value that nothing stands for."""
         kept = self.campaign.usable.copy()
         for rows_out in (wrong, *rows_without(self.campaign).values()):
@@ -260,26 +228,14 @@ class _Work:
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
         library = Library.of(rows, self.effects, self.options.made_within)
         diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
-        return _Asked(np.asarray(wrong, dtype=np.intp), inliers, parts, tuple(notes), diagnoser)
+        return Asked(np.asarray(wrong, dtype=np.intp), inliers, parts, tuple(notes), diagnoser)
 
-    def searched(self, asked: _Asked, start: Hypothesis | None = None) -> _Searched:
+    def searched(self, asked: Asked, start: Hypothesis | None = None) -> Searched:
         """Search, from what was found with more rows."""
         self.say("searching for effects", 0, 0)
-        diagnoser, at = asked.diagnoser, None
-        for _ in range(_NOISE_ROUNDS):
-            after, hypothesis = diagnoser.found(start, at)
-            noise, component = diagnoser.rows.noise, after.fitted_rows.component
-            freedoms = {kind: float(hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
-            left = noise_left(noise, after, hypothesis)
-            better = asked.diagnoser.rows.noise.told_by(left, freedoms, self.options.false_names)
-            found = _Searched(asked, diagnoser, after, hypothesis, better.apart(noise) < _NOISE_SETTLED)
-            if found.settled:
-                break
-            start, at = hypothesis, after.alone
-            diagnoser = replace(diagnoser, rows=diagnoser.rows.with_noise(better))
-        return found
+        return Searched(asked, asked.diagnoser, *asked.diagnoser.found(start)).with_noise_settled()
 
-    def judged(self, found: _Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:
+    def judged(self, found: Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:
         """Say what may be said of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
         asked, diagnoser = found.asked, found.diagnoser
@@ -333,7 +289,7 @@ class _Work:
         return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
 
     def _concluded(
-        self, found: _Searched, before: LinearState, misfit: str, unsettled: str
+        self, found: Searched, before: LinearState, misfit: str, unsettled: str
     ) -> tuple[Judgement, LinearState, Hypothesis, InTurn | None]:
         """Return what may be said of what was found, the model amended by it, and what blocks in turn say of it."""
         diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis

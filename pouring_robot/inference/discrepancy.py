@@ -14,10 +14,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.optimize
 
 from pouring_robot.inference.evidence import Beside, largest_scale, log_mean
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.priors import NOISE_FACTORS
+from pouring_robot.inference.priors import LEFT_TO_NOISE, NOISE_FACTORS
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
@@ -87,13 +88,39 @@ class Discrepancy(SeenProcesses):
 
         At its most probable, beside the hypothesis; against the noise as it is said to be, averaged over factors.
         """
+        densities = self._densities(NOISE_FACTORS)
+        return float(NOISE_FACTORS[np.argmax(densities)]), float(
+            log_mean(densities)
+        ) - self.hypothesis.everything.log_likelihood
+
+    def left_to_noise(self) -> tuple[float, float]:
+        """Return which share of what is left over is noise if a process is at work, and the log evidence for that.
+
+        The most probable share, beside the process that then explains best; in nats, averaged over shares, against
+        noise alone at its most probable. The noise is to be what the hypothesis leaves over.
+        """
+        every = [self.under(share).alone for share in LEFT_TO_NOISE]
+        best = [max(alone, key=lambda found: found.evidence) for alone in every]
+        noise_alone = self._densities(LEFT_TO_NOISE)
+        densities = noise_alone + [found.evidence for found in best]
+        likely = int(np.argmax(densities))
+        one, ends = self.only(best[likely].name), LEFT_TO_NOISE[[max(likely - 1, 0), min(likely + 1, len(best) - 1)]]
+
+        def against(log_share: float) -> float:
+            share = float(np.exp(log_share))
+            return -float(self._densities(np.array([share]))[0]) - one.under(share).alone[0].evidence
+
+        finer = scipy.optimize.minimize_scalar(against, bounds=np.log(ends), method="bounded")
+        return float(np.exp(finer.x)), float(log_mean(densities)) - float(noise_alone.max())
+
+    def _densities(self, factors: FloatArray) -> FloatArray:
+        """Return the log density of the residual where the noise is so many times as large, (n,), in nats."""
         problem, fitted = self.hypothesis.problem, self.hypothesis.everything
-        equations = len(problem.residual) - problem.nuisance.dof
-        densities = np.empty(len(NOISE_FACTORS))
-        for k, factor in enumerate(NOISE_FACTORS):  # coefficients that are so many times smaller, over the noise
+        equations, densities = len(problem.residual) - problem.nuisance.dof, np.empty(len(factors))
+        for k, factor in enumerate(factors):  # coefficients that are so many times smaller, over the noise
             seen = Beside(problem.gram, fitted.places, fitted.weights / factor)
             densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
-        return float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) - fitted.log_likelihood
+        return densities
 
     def structures(self, least_evidence: float = LITTLE_NATS) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

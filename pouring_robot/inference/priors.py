@@ -19,6 +19,8 @@ SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
 """How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 NOISE_FACTORS: FloatArray = np.geomspace(1.01, 1e3, 200)
 """How many times as large as it is said to be the noise may be, where something is unknown; each is as likely."""
+LEFT_TO_NOISE: FloatArray = np.geomspace(1e-3, 1.0, 10)
+"""Which share of what is left over may be noise where nobody states it and something unknown is at work; as likely."""
 
 WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
 """How large workmanship may be, over the errors of a part that nobody has measured: none, or a 512th to an eighth.

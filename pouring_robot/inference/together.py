@@ -169,6 +169,10 @@ class SeenProcesses:
         every = ([one.under(factor) for one in lengths] for lengths in self._every.values())
         return type(self)(self.hypothesis.under(factor), every)
 
+    def only(self, name: str) -> Self:
+        """Return one process alone, by name."""
+        return type(self)(self.hypothesis, [self._every[name]])
+
     @cached_property
     def left(self) -> dict[str, list[Left]]:
         """What the hypothesis leaves to each process, by name, at each length scale."""

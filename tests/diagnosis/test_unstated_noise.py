@@ -8,12 +8,13 @@ import pytest
 from pouring_robot import RobotModel, diagnose
 from pouring_robot.diagnosis import DiagnosisOptions
 from pouring_robot.diagnosis.diagnoser import noise_left
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES
 from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
 from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.robot import Robot
-from tests.campaign.simulated import SIGMA_M, damaged, measure
+from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
 from tests.support import ROOT
 
 
@@ -59,6 +60,23 @@ def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
     assert not any("still changed" in note for note in found.notes)
 
 
+def test_a_wave_in_time_is_no_noise(drawing):
+    """What is left over comes and goes with time: the noise is what that leaves of positions, which it moves."""
+    campaign = measure(drawing, seed=4).campaign
+    silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    period_s = np.ptp(campaign.time_s) / 9.2
+    wave = 10.0 * SIGMA_M * np.sin(2.0 * np.pi * campaign.time_s / period_s)
+    moved = damaged(campaign, metadata=silent, position_m=lambda p: p + wave[:, None] * [1.0, -0.5, 0.0])
+    found = diagnose(moved, None, DiagnosisOptions(next_count=0))
+    assert (found.verdict, found.firm) == ("unknown", ())
+    assert found.noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
+    assert found.noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
+    period = found.remainder[0].by.removeprefix(f"{CYCLES} of ").removesuffix(" min")
+    least, most = map(float, period.split(" to "))
+    assert least * 60.0 <= period_s <= most * 60.0
+    assert any("Comes and goes with time" in finding.sentence for finding in found.where.findings)
+
+
 def test_of_each_kind_what_was_spent_on_it_is_taken_off():
     """Frames take nine of thirty freedoms of ten places, and none of what redundant drives disagree by."""
     rng, component = np.random.default_rng(3), np.repeat([0, 1, 2, 7], 10)
@@ -89,7 +107,7 @@ def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left(seed):
 def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
-    monkeypatch.setattr("pouring_robot.diagnosis.diagnose._NOISE_ROUNDS", 1)
+    monkeypatch.setattr("pouring_robot.diagnosis.searched._NOISE_ROUNDS", 1)
     found = diagnose(damaged(campaign, metadata=silent), None, DiagnosisOptions(next_count=0))
     doubt = "the noise: it still changed when the fits that tell it ended: state it (sigma_position_mm, "
     assert any(note.startswith(doubt) for note in found.notes)

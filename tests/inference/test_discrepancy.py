@@ -9,6 +9,7 @@ from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.priors import LEFT_TO_NOISE, LOG_SCALES
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, columns_of, sums_of
 from tests.inference.problems import explanation, problem
@@ -248,6 +249,45 @@ def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng)
     factor, evidence = Discrepancy.of(hypothesis, []).noise()
     assert evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
     assert factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
+
+
+def test_what_is_left_to_noise_is_weighed_by_densities_beside_a_process(rng):
+    """A noise of a fifth and a slow wave make what is left over; scales of the wave are averaged over."""
+    cause = explanation("linear", rng.normal(size=(ROWS, 2)))
+    course = smooth(TIME, 10.0)
+    residual = np.sin(TIME / 7.0) * np.sqrt(2.0) * np.sqrt(0.96) + 0.2 * rng.normal(size=ROWS)
+    built = problem(residual, [cause], free=CONSTANT)
+    hypothesis = Hypothesis(built, built.explanations, (Scale(0.5),), ())
+    across = np.linalg.qr(CONSTANT, mode="complete")[0][:, 1:].T
+    fitted, moved = (across @ columns @ columns.T @ across.T for columns in (0.5 * cause.columns, course))
+    scales = np.exp(LOG_SCALES)
+
+    def densities(share, scales):
+        unit = share**2 * np.eye(ROWS - 1) + fitted
+        return [multivariate_normal(cov=unit + s**2 * moved).logpdf(across @ residual) for s in scales]
+
+    averaged = np.array([logsumexp(densities(share, scales)) for share in LEFT_TO_NOISE]) - np.log(len(scales))
+    alone = max(densities(share, [0.0])[0] for share in LEFT_TO_NOISE)
+    processes = [
+        Process.of_columns("place", "time", course),
+        Process.of_columns("place", "load", rng.normal(size=(ROWS, 3))),
+    ]
+    share, evidence = Discrepancy.of(hypothesis, processes).left_to_noise()
+    assert evidence == pytest.approx(logsumexp(averaged) - np.log(len(averaged)) - alone, rel=1e-6)
+    finely = np.geomspace(0.5 * share, 2.0 * share, 41)
+    best = finely[np.argmax([logsumexp(densities(one, scales)) for one in finely])]
+    assert share == pytest.approx(best, rel=0.04)
+    assert share == pytest.approx(0.2, rel=0.3)
+
+
+def test_white_noise_is_all_left_to_noise():
+    """Markov: of fifty at most half a campaign says otherwise by as much as is asked for."""
+    alarms = 0
+    for seed in range(50):
+        residual = np.random.default_rng(seed).normal(size=ROWS)
+        processes = [Process.of_columns("place", str(k), smooth(TIME, 2.0**k, most=70)) for k in range(5)]
+        alarms += Discrepancy.of(nothing(residual), processes).left_to_noise()[1] > np.log(5 / 0.01)
+    assert alarms <= 1
 
 
 def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
