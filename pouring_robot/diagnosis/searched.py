@@ -21,6 +21,9 @@ from pouring_robot.mechanism.arrays import Indices
 _NOISE_ROUNDS, _NOISE_SETTLED = 20, 0.02
 """Every round is a whole search, from what the one before found; nine were seen, of rotations ninety times as poor as
 positions. 2 % of the noise is 4 % of a difference of evidence, which decides nothing."""
+_MOST_NOISE = 2.0**-0.5
+"""Share of what is left over up to which it is made by something unknown more than by the noise: more than half of its
+square. What is smaller than the noise is hardly what anybody is to find."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,7 @@ class Searched:
         return noise.times({kind: min(factor * self._share(kind, factor), 1.0) for kind, factor in larger.items()})
 
     def _share(self, kind: Kind, factor: float) -> float:
-        """Return which share of what is left over of a kind is noise: 1 where no process shows that is at work.
+        """Return which share of what is left over of a kind is noise: 1 unless a process clearly makes more of it.
 
         All of it is so many times as large as the noise.
         """
@@ -99,7 +102,8 @@ class Searched:
         processes = processes_of(self.diagnoser.rows, linear.some(own), axes, chance=False)
         left = Discrepancy.of(self.hypothesis.on(problem), processes).under(factor)
         share, evidence = left.left_to_noise() if len(left) else (1.0, 0.0)
-        return share if evidence > self.diagnoser.thresholds.evidence_of_one_in(len(left)) else 1.0
+        clear = evidence > self.diagnoser.thresholds.evidence_of_one_in(len(left))
+        return share if clear and share < _MOST_NOISE else 1.0
 
     @property
     def gross_errors(self) -> Indices:

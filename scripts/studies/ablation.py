@@ -25,11 +25,11 @@ from unittest.mock import patch
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis import diagnoser
-from pouring_robot.diagnosis.discrepancy_processes import processes_of
+from pouring_robot.diagnosis import diagnoser, searched
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES, processes_of
 from pouring_robot.diagnosis.library import known_effects
 from pouring_robot.inference import decision, discrepancy, evidence, hypotheses, priors, problem, search
-from pouring_robot.inference.processes import Process
+from pouring_robot.inference.processes import CHANCE, Process
 from pouring_robot.inference.thresholds import Thresholds
 from scripts.benchmarks.blind_metrics import failures
 from scripts.benchmarks.blind_trials import Job, campaigns, jobs, run
@@ -54,19 +54,20 @@ def _no_softness() -> None:
     _put(diagnoser, "known_effects", lambda *given: (item for item in every(*given) if item.cause))
 
 
-def _no_chance() -> None:
-    every = processes_of
-    _put(diagnosing, "processes_of", lambda *given, **how: every(*given, **how | {"chance": False}))
+def _without_processes(by: str) -> None:
+    _change_processes(lambda process: None if process.by == by else process)
 
 
 def _one_length() -> None:
-    every = processes_of
+    _change_processes(lambda process: replace(process, lengths=dict([next(iter(process.lengths.items()))])))
 
-    def first(*given: Any, **how: Any) -> Iterator[Process]:
-        for process in every(*given, **how):
-            yield replace(process, lengths=dict([next(iter(process.lengths.items()))]))
 
-    _put(diagnosing, "processes_of", first)
+def _change_processes(change: Callable[[Process], Process | None]) -> None:
+    def changed(*given: Any, **how: Any) -> Iterator[Process]:
+        return filter(None, map(change, processes_of(*given, **how)))
+
+    for module in (diagnosing, searched):
+        _put(module, "processes_of", changed)
 
 
 ARM = Path(__file__).resolve().parents[2] / "examples" / "machines" / "ur10"
@@ -102,7 +103,9 @@ CHOICES: dict[str, Callable[[], None]] = {
         discrepancy.Discrepancy, "challenge", lambda self, indices: discrepancy.Challenge(Process("", "", {}), -np.inf)
     ),
     "several length scales": _one_length,
-    "chance as something unknown": _no_chance,
+    "chance as something unknown": partial(_without_processes, CHANCE),
+    "waves in time": partial(_without_processes, CYCLES),
+    "what is unknown is no noise": lambda: _put(searched.Searched, "beside_unknown", lambda self: self),
     "what data hardly show is an alternative": lambda: _put(Thresholds, "hidden", property(lambda self: 0.0)),
     "minor effects are not named": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, minor_share=0.0)),
     "least share of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_share=0.0)),
