@@ -55,6 +55,7 @@ class Challenge:
 
     process: Process  # the process
     margin: float  # by how much its log evidence is larger, in nats; negative where the cause explains better
+    length: str = ""  # at which length scale it fits best, in words
 
 
 _NOTHING = Process("", "", {})
@@ -81,7 +82,7 @@ class Discrepancy(SeenProcesses):
         if not others:
             return Challenge(_NOTHING, -np.inf)
         best = max(others, key=lambda found: found.evidence)
-        return Challenge(best.process, best.evidence - self.hypothesis.worth(indices))
+        return Challenge(best.process, best.evidence - self.hypothesis.worth(indices), best.left.seen.length)
 
     def noise(self) -> tuple[float, float]:
         """Return how many times as large the noise would be, and the log evidence for that in nats.

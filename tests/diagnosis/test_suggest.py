@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
-from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.diagnoser import Diagnoser
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.sentences import next_lines
@@ -30,10 +30,11 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
+from tests.diagnosis.hidden import campaign
 from tests.diagnosis.remeasured import Machine
 from tests.examples.campaigns import write
 from tests.examples.machines import MACHINES
-from tests.rig import make_campaign, write_case
+from tests.rig import Wanted, make_campaign, write_case
 from tests.support import ROOT
 
 DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
@@ -48,6 +49,15 @@ TRAPS = {
 def prediction(random, size, spread=1.0):
     columns = random.normal(size=(size, 4)) * spread
     return Prediction(random.normal(size=size), columns @ columns.T + np.eye(size))
+
+
+def test_what_varies_within_a_turn_of_the_screw_is_told_apart_as_that(tmp_path):
+    """Asked at the scale at which it was found: at the longest it would explain next to nothing."""
+    turning = campaign(tmp_path, (Wanted("drive_cyclic", 8.0, "a"),), rows=90)
+    found = diagnose(turning, None, DiagnosisOptions(exclude="drive_cyclic"))
+    (described,) = {s.process.name for s in found.judgement.structures[:1]}
+    assert described.endswith("by own length")
+    assert described in {name for s in found.suggestion.separations for name in (s.first, s.second)}
 
 
 def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):

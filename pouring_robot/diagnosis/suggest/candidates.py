@@ -5,9 +5,8 @@ temperatures stand still; load, travels and sides of approach change from pose t
 may have been set up anew, so that the new rows have frames of their own.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,7 +39,6 @@ _HOUR_S = 3600.0
 _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))  # hours after the campaign, and whether the machine is hot
 _TRIES = 4
 _ROUND_OFF = 1e-8
-_PROCESS = "process"
 _FRAME = 0.02  # how far the frames of the new rows may be off, in m and rad: further than anybody fails to see
 
 
@@ -158,6 +156,7 @@ class Prospect:
         library = Library.of(rows, chosen, known.made_within, diagnosis.hypothesis.keys)
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[tuple[str, str], FloatArray] = {}
+        self._described: dict[tuple[str, str], tuple[Part, ...]] = {}
         given = diagnosis.hypothesis.problem
         workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
@@ -179,22 +178,24 @@ class Prospect:
             known = held.get(item.key, old)
             yield replace(item, columns=known if _alike(known[:], old) else old)
 
-    @cached_property
-    def _described(self) -> dict[str, tuple[Part, ...]]:
-        found = processes_of(self._rows, self._linear, self._after.frames.T_tracker_base.rotation)
-        return {p.name: next(iter(p.lengths.values())) for p in found}
+    def explanations(self, wanted: Collection[tuple[str, str]]) -> dict[tuple[str, str], Explanation]:
+        """Return processes at one length scale each, by both names, as explanations of the campaign's rows.
 
-    def explanation(self, name: str) -> Explanation | None:
-        """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
-        if name not in self._described:
-            return None
-        columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
-        return Explanation(name, _PROCESS, columns, np.ones(columns.shape[1], dtype=bool), cause=False)
+        Those that there are: with the new rows a condition may be one that other rows do not tell.
+        """
+        for process in processes_of(self._rows, self._linear, self._after.frames.T_tracker_base.rotation):
+            of_it = {(process.name, length): parts for length, parts in process.lengths.items()}
+            self._described |= {key: parts for key, parts in of_it.items() if key in wanted}
+        found: dict[tuple[str, str], Explanation] = {}
+        for key, parts in self._described.items():
+            columns = self.problem.nuisance.cleared(columns_of(parts)[self._old])
+            found[key] = Explanation(*key, columns, np.ones(columns.shape[1], dtype=bool), cause=False)
+        return found
 
     def new_columns(self, item: Explanation | Workmanship) -> FloatArray:
         """Return the columns of an explanation or of workmanship in the new rows."""
         known = self._new_columns.get(item.key)
-        return columns_of(self._described[item.effect])[self._new] if known is None else known
+        return columns_of(self._described[item.key])[self._new] if known is None else known
 
 
 def _alike(one: FloatArray, other: FloatArray) -> bool:

@@ -10,6 +10,7 @@ from pouring_robot.diagnosis.discrepancy_processes import CYCLES
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Explanation
@@ -91,18 +92,18 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle
 def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
-    named = [(structure.process, best) for structure in judgement.structures]
-    for cause, challenge in judgement.challenged:
-        if challenge.margin > 0.0:
-            named.append((challenge.process, _less(best, cause)))
+    named: list[tuple[Structure | Challenge, Hypothesis]] = [(found, best) for found in judgement.structures]
+    named += [(better, _less(best, cause)) for cause, better in judgement.challenged if better.margin > 0.0]
+    # No pose tells chance, nor waves in time.
+    named = [(one, rest) for one, rest in named[: 2 * MOST_RIVALS] if one.process.by not in (CHANCE, CYCLES)]
+    items = prospect.explanations({(one.process.name, one.length) for one, _ in named})
     found: dict[str, Contender] = {}
-    for process, rest in named[: 2 * MOST_RIVALS]:
-        name, item = process.name, prospect.explanation(process.name)
-        if item is None or name in found or process.by in (CHANCE, CYCLES):  # no pose tells
-            continue
-        wider = replace(rest, problem=rest.problem.and_also((item,)))
-        worth = wider.candidate_bayes_factor(item)
-        found[name] = Contender(name, wider.beside(item, worth.scale), wider.log_evidence + worth.evidence)
+    for one, rest in named:
+        name, item = one.process.name, items.get((one.process.name, one.length))
+        if item and name not in found:
+            wider = replace(rest, problem=rest.problem.and_also((item,)))
+            worth = wider.candidate_bayes_factor(item)
+            found[name] = Contender(name, wider.beside(item, worth.scale), wider.log_evidence + worth.evidence)
     ordered = sorted(found.values(), key=lambda c: -c.log_evidence)[: MOST_RIVALS + 1]
     return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
 
