@@ -65,6 +65,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
     if calibration.noise.from_residuals:
         said = "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
         found.append("; ".join((said, *calibration.noise.doubts)))
+    found += calibration.noise.too_large(calibration.fit.equations.components, *calibration.fit.left_over)
     if not calibration.fit.converged:
         found.append(
             f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "

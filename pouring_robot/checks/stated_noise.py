@@ -28,14 +28,13 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
 from pouring_robot.checks.smooth_errors import Aligned, condition_terms
-from pouring_robot.estimation.noise import FALSE_ALARMS
+from pouring_robot.estimation.noise import FALSE_ALARMS, LEAST_FACTOR
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 
-LEAST_FACTOR = 2.0  # a data sheet's figure is not better known
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
 _ORDERS = 8  # waves of a turn, as of encoders, gears and screws; they fall with the order

@@ -33,6 +33,8 @@ LEAST_NOISE = 1e-6
 """In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
 device that robots are measured with reads better."""
 FALSE_ALARMS = 1e-3  # share of sound campaigns and robots that chance may accuse
+LEAST_FACTOR = 2.0
+"""By which a noise that is stated may be off: a data sheet's figure is not better known."""
 _FEWEST_FREEDOMS = 12
 _ROUND_OFF = 1e-9  # freedoms: fewer are what adding up leaves of none, of either sign
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
@@ -147,6 +149,24 @@ class NoiseLevel:
         }
         keys = {words: ", ".join(map(noise_key, kinds)) for words, kinds in why.items() if kinds}
         return [f"{words}: state it ({names} in the YAML)" for words, names in keys.items()]
+
+    def too_large(self, components: Indices, residual: FloatArray, freedom: FloatArray) -> list[str]:
+        """Return of which kinds that are stated a fit leaves over so much less that chance is no reason, in words.
+
+        Arguments are as those of :meth:`from_left_over`.
+        """
+        left, found = self.from_left_over(self.measured, components, residual, freedom), []
+        for kind in self.measured:
+            freedoms, times = float(freedom[are(kind, components)].sum()), self[kind].sigma / left[kind].sigma
+            chance = float(scipy.special.chdtr(max(freedoms, 0.0), freedoms / times**2))
+            if self[kind].source == "stated" and times > LEAST_FACTOR and chance < FALSE_ALARMS:
+                (unit, si), each = unit_of(kind), "coordinate" if kind == "position" else kind
+                found.append(
+                    f"the noise stated for each {each} is {times:.2g} times what is left over, "
+                    f"{left[kind].sigma / si:.2g} {unit}: what is smaller than stated is not seen, and intervals are "
+                    f"too wide; state what repeats scatter by ({noise_key(kind)} in the YAML)"
+                )
+        return found
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:

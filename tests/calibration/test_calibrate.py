@@ -208,6 +208,13 @@ def test_stretches_are_those_of_the_rows_that_are_fitted(clean):
     assert len(calibrate(clean.campaign, None, options).fit.covariances) == 1
 
 
+def test_a_noise_that_is_stated_too_large_is_said(clean):
+    wide = clean.campaign.metadata.model_copy(update={"sigma_rotation_rad": 5.0 * SIGMA_RAD})
+    found = calibrate(damaged(clean.campaign, metadata=wide), None, CalibrationOptions(("drives",), choose=False))
+    said = [line for line in warnings_of(found) if "what is smaller than stated is not seen" in line]
+    assert len(said) == 1 and "sigma_rotation_mrad" in said[0]
+
+
 def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
     """Five readings of one pose, 0.6 times as far apart as the noise: what comes out in one of thirty campaigns."""
     campaign = measure(drawing, seed=4, sigma_rotation_rad=None).campaign.subset(np.array([0] * 4 + [*range(60)]))

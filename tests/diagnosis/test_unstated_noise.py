@@ -9,6 +9,7 @@ from pouring_robot import RobotModel, diagnose
 from pouring_robot.diagnosis import DiagnosisOptions
 from pouring_robot.diagnosis.diagnoser import noise_left
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
@@ -111,3 +112,12 @@ def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
     found = diagnose(damaged(campaign, metadata=silent), None, DiagnosisOptions(next_count=0))
     doubt = "the noise: it still changed when the fits that tell it ended: state it (sigma_position_mm, "
     assert any(note.startswith(doubt) for note in found.notes)
+
+
+def test_a_noise_that_is_stated_too_large_is_said(drawing):
+    """A data sheet's figure for the whole hall, of positions; that of rotations is right."""
+    campaign = measure(drawing, seed=4).campaign
+    wide = campaign.metadata.model_copy(update={"sigma_position_m": 5.0 * SIGMA_M})
+    found = diagnose(damaged(campaign, metadata=wide), None, DiagnosisOptions(next_count=0))
+    said = [note for note in note_lines(found) if "what is smaller than stated is not seen" in note]
+    assert len(said) == 1 and "sigma_position_mm" in said[0]

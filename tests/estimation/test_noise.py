@@ -189,3 +189,18 @@ def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise
     assert scatter(np.full(3, 5.0), np.full(3, 0.4)) == pytest.approx(np.sqrt(75.0 / 1.2))
     for left in (1e-16, -1e-16):
         assert scatter(np.full(3, 1e-12), np.array([left, 0.0, 0.0]), fewest=0.0) < 1e-6
+
+
+@pytest.mark.parametrize(("share", "count", "said"), [(0.45, 300, True), (0.55, 300, False), (0.45, 1, False)])
+def test_a_noise_that_is_stated_more_than_twice_too_large_is_said(share, count, said):
+    """Of three values chance leaves as little once in ten campaigns."""
+    component = np.repeat([0, 1, 2, 3, 4, 5], count)
+    residual = np.full(len(component), share)
+    stated = NoiseLevel.stated(1e-4, 2e-4)
+    lines = stated.too_large(component, residual, np.ones(len(residual)))
+    assert len(lines) == (2 if said else 0)
+    if said:
+        assert "stated for each coordinate is 2.2 times what is left over, 0.045 mm" in lines[0]
+        assert "stated for each rotation is 2.2 times what is left over, 0.09 mrad" in lines[1]
+    left_over = NoiseLevel({"position": Noise(1e-4, "residuals"), "rotation": Noise(2e-4, "repeats", 60.0)})
+    assert not left_over.too_large(component, residual, np.ones(len(residual)))

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from pouring_robot.checks.flags import FlagCode, where
-from pouring_robot.checks.stated_noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.effects.gaps import rows_without
 from pouring_robot.estimation.kinds import KINDS
-from pouring_robot.estimation.noise import repeats
+from pouring_robot.estimation.noise import LEAST_FACTOR, repeats
 from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
 from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
@@ -25,6 +24,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     return [
         *diagnosis.notes,
         *_measured_lines(diagnosis),
+        *_too_large_lines(diagnosis),
         *_repeat_lines(diagnosis),
         *(line for line in said if line and line != diagnosis.misfit),
         *_left_out_lines(diagnosis),
@@ -48,6 +48,12 @@ def _measured_lines(diagnosis: Conclusions) -> Iterator[str]:
         yield f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}"
     if not given.time_known:
         yield "there is no time: the order of the rows stands for it"
+
+
+def _too_large_lines(diagnosis: Conclusions) -> list[str]:
+    """Return of which noise that is stated too little is left over."""
+    left, component = diagnosis.hypothesis, diagnosis.after.fitted_rows.component
+    return diagnosis.noise.too_large(component, left.remainder, left.freedom)
 
 
 def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:
