@@ -20,7 +20,7 @@ from pouring_robot.mechanism.arrays import FloatArray, evenly
 _NEGLIGIBLE = 1e-3
 _MOST_CYCLES, _BETWEEN_CYCLES = 50.0, 0.5
 _LANDMARKS = 400
-"""Of more rows, so many stand for all in a kernel (Nyström's method), so that its cost is linear in the rows."""
+"""Of more rows, at most so many stand for all in a kernel (Nyström's method): its cost is linear in the rows."""
 
 
 def standardised(values: FloatArray) -> FloatArray:
