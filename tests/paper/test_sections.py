@@ -30,7 +30,7 @@ def test_verdicts(study):
         "three_sources",
         "left_aside",
     }
-    assert {"strokes", "one_centimetre", "heat_share", "weight"} <= {
+    assert {"strokes", "one_centimetre", "heat_share", "weight", "concentrated"} <= {
         key for key, verdict in said.items() if verdict == "differs"
     }
     for key in ("wide_influence", "by_least_squares", "by_network", "machining"):
@@ -83,5 +83,5 @@ def test_every_claim_has_a_reason_and_is_printed(study):
     assert all(claim.why for claim in report.claims)
     assert all(claim.rule for claim in report.claims if claim.verdict != "cannot be checked")
     text = " ".join(report.text().split())
-    assert "14 claims" in text and "no measured data" in text
+    assert "15 claims" in text and "no measured data" in text
     assert [row["key"] for row in report.claim_rows()] == [claim.key for claim in report.claims]
