@@ -73,12 +73,16 @@ def wandering(values: FloatArray, most: int = 25) -> FloatArray:
 def cycling(values: FloatArray) -> dict[tuple[float, float], FloatArray]:
     """Return columns of a wave along ``values`` (n,) whose size and phase drift, by the periods that it stands for.
 
-    It comes again twice or more often, and has four rows or more on average. What drifts makes up for the periods
-    between two that are tried: of one halfway it leaves a hundredth of its square.
+    It comes again twice or more often, has four rows or more on average, and is seen to turn once: by rows that are no
+    further apart than half of it. Otherwise what differs from day to day would be a wave, too.
+    What drifts makes up for the periods between two that are tried: of one halfway it leaves a hundredth of its square.
     """
-    spread, most = float(np.ptp(values)), min(len(np.unique(values)) / 4.0, _MOST_CYCLES)
+    different = np.unique(values)
+    apart, spread, most = np.diff(different), float(np.ptp(values)), min(len(different) / 4.0, _MOST_CYCLES)
     place, found = values - values.mean(), {}
     for cycles in np.arange(2.0, most, _BETWEEN_CYCLES).tolist():
+        if apart[apart <= 0.5 * spread / cycles].sum() < spread / cycles:
+            continue
         turn = 2.0 * np.pi * cycles * place / spread
         wave = np.column_stack([np.cos(turn), np.sin(turn)])
         columns = np.hstack([wave, wave * (place / np.abs(place).max())[:, None]])

@@ -65,6 +65,14 @@ def test_too_few_rows_show_no_wave():
     assert len(cycling(np.arange(10.0))) == 1
 
 
+def test_no_wave_is_tried_that_no_rows_saw_turn():
+    """An hour on each of four days: of what differs between the days any wave would say that it comes and goes."""
+    hours = np.concatenate([24.0 * day + np.linspace(0.0, 1.0, 30) for day in range(4)])
+    assert all(most <= 4.0 for _, most in cycling(hours))
+    spread_out = np.concatenate([24.0 * day + np.linspace(0.0, 9.0, 30) for day in range(4)])
+    assert any(least < 24.0 < most for least, most in cycling(spread_out))  # of what comes every day, every day is seen
+
+
 def test_expected_square_is_one(rng):
     values = rng.normal(size=60)
     for columns in (
