@@ -46,7 +46,7 @@ _OTHERS_MOST = 8
 _SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
 _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
 _LEAN_LENGTHS = {"coarsely": 0.5, "finely": 0.25}
-_DURATIONS = {"h": 3600.0, "min": 60.0, "s": 1.0}
+_DURATIONS = {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0}
 _LEAN_UNIT_M, _LEAN_UNIT_RAD = 0.3, 0.4
 
 Lengths = dict[str, FloatArray]  # courses (n, k) by the length scale in words

@@ -213,6 +213,22 @@ def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
     assert item.sentence.startswith(f"Varies along its own length, {said}: leg 2 by ")
 
 
+@pytest.mark.parametrize(("slower", "unit", "unit_s"), [(1.0, "min", 60.0), (1500.0, "d", 86400.0)])
+def test_waves_of_two_periods_are_told_apart(slower, unit, unit_s):
+    """A pump and a door: what the one moves does not come and go with the other."""
+    rng = np.random.default_rng(5)
+    given = scene(rng)
+    given = dataclasses.replace(given, time_s=slower * given.time_s)
+    passed = 2.0 * np.pi * (given.time_s - given.time_s[0]) / np.ptp(given.time_s)
+    error = moved(given, 0, 4e-4 * np.sin(4.0 * passed)) + moved(given, 2, 3e-4 * np.sin(13.0 * passed))
+    found = [f.sentence for f in disagreements(seen(rng, given, error), given, 0.01).findings if f.what == "condition"]
+    assert [one.split(":")[1].split()[0] for one in found] == ["x", "z"]
+    for cycles, one in zip((4.0, 13.0), found, strict=True):
+        periods = one.removeprefix("Comes and goes with time, once in ").split(f" {unit}:")[0]
+        least, most = map(float, periods.split(" to "))
+        assert least <= np.ptp(given.time_s) / unit_s / cycles <= most
+
+
 def test_a_region_is_named_in_words_and_repeats_do_not_object():
     rng = np.random.default_rng(8)
     given = scene(rng, 120, 40)

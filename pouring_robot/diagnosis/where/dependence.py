@@ -52,10 +52,11 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
         if (settled := np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED)) or turn == _NOISE_ROUNDS:
             break
         data = left
-    kinds: dict[tuple[str, bool], list[Summand]] = {}
+    kinds: dict[tuple[str, bool, str], list[Summand]] = {}
     for item in found:
         of_drive = item.process.where in {drive.words for drive in given.robot.drives}
-        kinds.setdefault((item.process.by, of_drive), []).append(item)
+        period = item.length if item.process.by == CYCLES else ""  # waves of two periods have two causes
+        kinds.setdefault((item.process.by, of_drive, period), []).append(item)
     findings, total = [], float(data.cleared @ data.cleared)
     for together in kinds.values():
         part = np.sum([item.part for item in together], axis=0)
