@@ -89,12 +89,13 @@ class Searched:
         """
         noise, left = self.diagnoser.rows.noise, self.noise_left
         larger = {kind: left[kind].sigma / noise[kind].sigma for kind in left.open_kinds}
-        return noise.times({kind: min(factor * self._share(kind, factor), 1.0) for kind, factor in larger.items()})
+        shares = {kind: self._share(kind, factor, len(larger)) for kind, factor in larger.items()}
+        return noise.times({kind: min(factor * shares[kind], 1.0) for kind, factor in larger.items()})
 
-    def _share(self, kind: Kind, factor: float) -> float:
+    def _share(self, kind: Kind, factor: float, kinds: int) -> float:
         """Return which share of what is left over of a kind is noise: 1 unless a process clearly makes more of it.
 
-        All of it is so many times as large as the noise.
+        All of it is so many times as large as the noise. So many kinds are asked, and chance may show in any.
         """
         problem, linear = self.hypothesis.problem, self.after.linear
         own, axes = are(kind, linear.component), self.after.frames.T_tracker_base.rotation
@@ -102,7 +103,7 @@ class Searched:
         processes = processes_of(self.diagnoser.rows, linear.some(own), axes, chance=False)
         left = Discrepancy.of(self.hypothesis.on(problem), processes).under(factor)
         share, evidence = left.left_to_noise() if len(left) else (1.0, 0.0)
-        clear = evidence > self.diagnoser.thresholds.evidence_of_one_in(len(left))
+        clear = evidence > self.diagnoser.thresholds.evidence_of_one_in(kinds * len(left))
         return share if clear and share < _MOST_NOISE else 1.0
 
     @property
