@@ -323,7 +323,10 @@ class _Work:
 
 
 def _noise_notes(noise: NoiseLevel) -> list[str]:
-    unjudged = "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
+    unjudged = (
+        "the noise is not stated and is what is left over, less what clearly follows something unknown: whether a "
+        "smaller gap is left cannot be said"
+    )
     return [*([unjudged] if noise.from_residuals else []), *(f"the noise: {doubt}" for doubt in noise.doubts)]
 
 
