@@ -6,6 +6,7 @@ the same: a noise as large as that would hide it (:meth:`Searched.beside_unknown
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
@@ -50,7 +51,7 @@ class Searched:
     def under(self, noise: NoiseLevel) -> Searched:
         """Search again, from what was found, under another noise."""
         diagnoser = replace(self.diagnoser, rows=self.diagnoser.rows.with_noise(noise))
-        return Searched(self.asked, diagnoser, *diagnoser.found(self.hypothesis, self.after.alone))
+        return Searched(self.asked, diagnoser, *diagnoser.found(self.hypothesis, self.after.alone), self.settled)
 
     def with_noise_settled(self) -> Searched:
         """Search again until all that is left over is as large as the noise that it was found under."""
@@ -74,7 +75,7 @@ class Searched:
                 return found
         return replace(found, settled=False)
 
-    @property
+    @functools.cached_property
     def noise_left(self) -> NoiseLevel:
         """The noise as all that is left over tells it, where nothing better does."""
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
