@@ -103,7 +103,7 @@ class Searched:
         problem = replace(problem, explanations=self.hypothesis.items).of(own)  # what else may be at work is not asked
         processes = processes_of(self.diagnoser.rows, linear.some(own), axes, chance=False)
         left = Discrepancy.of(self.hypothesis.on(problem), processes).under(factor)
-        share, evidence = left.left_to_noise() if len(left) else (1.0, 0.0)
+        share, evidence = left.left_to_noise(_MOST_NOISE) if len(left) else (1.0, 0.0)
         clear = evidence > self.diagnoser.thresholds.evidence_of_one_in(kinds * len(left))
         return share if clear and share < _MOST_NOISE else 1.0
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
-from pouring_robot.inference.evidence import Beside, largest_scale, log_mean
+from pouring_robot.inference.evidence import Beside, largest_scale, log_mean, most_evidence
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import LEFT_TO_NOISE, NOISE_FACTORS
 from pouring_robot.inference.processes import Process
@@ -59,6 +59,8 @@ class Challenge:
 
 
 _NOTHING = Process("", "", {})
+_ANY_SCALE = 1e4
+"""Of a process's amplitude over the usual: what it then explains is as by least squares, however large the noise is."""
 _MOST_TOGETHER = 6
 """So many processes may be what is unknown beside a cause or in its place: more than data of one campaign have told."""
 
@@ -94,12 +96,18 @@ class Discrepancy(SeenProcesses):
             log_mean(densities)
         ) - self.hypothesis.everything.log_likelihood
 
-    def left_to_noise(self) -> tuple[float, float]:
+    def left_to_noise(self, most: float = 1.0) -> tuple[float, float]:
         """Return which share of what is left over is noise if a process is at work, and the log evidence for that.
+
+        1 where by least squares no process leaves less than a share that is the most to be asked for.
 
         The most probable share, beside the process that then explains best; in nats, averaged over shares, against
         noise alone at its most probable. The noise is to be what the hypothesis leaves over.
         """
+        lefts = (one for lengths in self.left.values() for one in lengths)
+        explained = (2.0 * most_evidence(one.inner, one.projected, widest=_ANY_SCALE) for one in lefts)
+        if max(explained) < (1.0 - most**2) * self.hypothesis.everything.squared:
+            return 1.0, -np.inf
         every = [self.under(share).alone for share in LEFT_TO_NOISE]
         best = [max(alone, key=lambda found: found.evidence) for alone in every]
         noise_alone = self._densities(LEFT_TO_NOISE)

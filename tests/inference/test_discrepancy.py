@@ -280,6 +280,18 @@ def test_what_is_left_to_noise_is_weighed_by_densities_beside_a_process(rng):
     assert share == pytest.approx(0.2, rel=0.3)
 
 
+def test_what_explains_too_little_is_not_asked_for(rng):
+    """Of 79 freedoms a slow wave leaves a share of noise that least squares tell; asked for less, it is all noise."""
+    course = smooth(TIME, 10.0)
+    residual = 0.8 * np.sin(TIME / 7.0) + 0.6 * rng.normal(size=ROWS)
+    seen = Discrepancy.of(nothing(residual), [Process.of_columns("place", "time", course)])
+    beside = np.hstack([CONSTANT, course])
+    least = np.linalg.norm(residual - beside @ np.linalg.lstsq(beside, residual, rcond=1e-9)[0])
+    share = least / np.linalg.norm(residual - residual.mean())
+    assert seen.left_to_noise(1.01 * share) == seen.left_to_noise()
+    assert seen.left_to_noise(0.99 * share) == (1.0, -np.inf)
+
+
 def test_white_noise_is_all_left_to_noise():
     """Markov: of fifty at most half a campaign says otherwise by as much as is asked for."""
     alarms = 0
