@@ -254,13 +254,10 @@ def evidence_together(log_posterior: float, factors: Sequence[BayesFactor], log_
 
 
 def most_evidence(
-    columns: FloatArray,
-    projected: FloatArray,
-    main: BoolArray | None = None,
-    unit: float = 1.0,
-    widest: float = float(np.exp(LOG_SCALES[-1])),
+    columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> float:
     """Return an upper bound of :func:`bayes_factor`: all that the widest scales explain, without what scales cost."""
+    widest = float(np.exp(LOG_SCALES[-1]))
     weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
     inner = weights[:, None] * columns * weights
     inner.flat[:: len(columns) + 1] += 1.0

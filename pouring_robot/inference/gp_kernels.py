@@ -81,9 +81,10 @@ def cycling(values: FloatArray) -> dict[tuple[float, float], FloatArray]:
     apart, spread, most = np.diff(different), float(np.ptp(values)), min(len(different) / 4.0, _MOST_CYCLES)
     place, found = values - values.mean(), {}
     for cycles in np.arange(2.0, most, _BETWEEN_CYCLES).tolist():
-        if apart[apart <= 0.5 * spread / cycles].sum() < spread / cycles:
+        period = spread / cycles
+        if apart[apart <= 0.5 * period].sum() < period:
             continue
-        turn = 2.0 * np.pi * cycles * place / spread
+        turn = 2.0 * np.pi * place / period
         wave = np.column_stack([np.cos(turn), np.sin(turn)])
         columns = np.hstack([wave, wave * (place / np.abs(place).max())[:, None]])
         periods = spread / (cycles + 0.5 * _BETWEEN_CYCLES), spread / (cycles - 0.5 * _BETWEEN_CYCLES)
