@@ -59,8 +59,8 @@ class Challenge:
 
 
 _NOTHING = Process("", "", {})
-_ANY_SCALE = 1e4
-"""Of a process's amplitude over the usual: what it then explains is as by least squares, however large the noise is."""
+_ANY_SCALE = 1e3
+"""Over the widest one: what a process of that amplitude explains is as by least squares, however large the noise is."""
 _MOST_TOGETHER = 6
 """So many processes may be what is unknown beside a cause or in its place: more than data of one campaign have told."""
 
@@ -91,25 +91,21 @@ class Discrepancy(SeenProcesses):
 
         At its most probable, beside the hypothesis; against the noise as it is said to be, averaged over factors.
         """
-        densities = self._densities(NOISE_FACTORS)
-        return float(NOISE_FACTORS[np.argmax(densities)]), float(
-            log_mean(densities)
-        ) - self.hypothesis.everything.log_likelihood
+        densities, as_said = self._densities(NOISE_FACTORS), self.hypothesis.everything.log_likelihood
+        return float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) - as_said
 
     def left_to_noise(self, most: float = 1.0) -> tuple[float, float]:
         """Return which share of what is left over is noise if a process is at work, and the log evidence for that.
 
-        1 where by least squares no process leaves less than a share that is the most to be asked for.
-
         The most probable share, beside the process that then explains best; in nats, averaged over shares, against
-        noise alone at its most probable. The noise is to be what the hypothesis leaves over.
+        noise alone at its most probable. The noise is to be what the hypothesis leaves over. It is 1, without evidence,
+        where by least squares no process leaves less than a share that is the most to be asked for.
         """
         lefts = (one for lengths in self.left.values() for one in lengths)
-        explained = (2.0 * most_evidence(one.inner, one.projected, widest=_ANY_SCALE) for one in lefts)
+        explained = (2.0 * most_evidence(_ANY_SCALE**2 * one.inner, _ANY_SCALE * one.projected) for one in lefts)
         if max(explained) < (1.0 - most**2) * self.hypothesis.everything.squared:
             return 1.0, -np.inf
-        every = [self.under(share).alone for share in LEFT_TO_NOISE]
-        best = [max(alone, key=lambda found: found.evidence) for alone in every]
+        best = [max(self.under(share).alone, key=lambda found: found.evidence) for share in LEFT_TO_NOISE]
         noise_alone = self._densities(LEFT_TO_NOISE)
         densities = noise_alone + [found.evidence for found in best]
         likely = int(np.argmax(densities))
