@@ -208,8 +208,8 @@ class Campaign(Result):
         )
         for row, name in enumerate(found.distance_from):
             if name and (found.samples.count(name) != 1 or found.samples[row] == name):
-                wrong = f"line {found.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
-                raise CampaignError(found.path, wrong)
+                wrong = f"must be the sample of one other row, and is '{name}'"
+                raise table.fault(wrong, row, columns.DISTANCE_FROM)
         return found
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.campaign.columns import DISTANCE
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
@@ -74,9 +75,10 @@ def _refuse_lines_between_frames(campaign: Campaign) -> None:
     other = (start == -1) | (start >= 0) & (session != session[start])
     wrong = campaign.usable & np.isfinite(campaign.distance_m[:, 0]) & other
     if wrong.any():
-        line = int(campaign.lines[wrong.argmax()])
+        line, heading = int(campaign.lines[wrong.argmax()]), campaign.heading(DISTANCE)
         rule = "where each session has a frame of its own, a distance is from another row of the same session"
-        raise CampaignError(campaign.path, f"line {line}: {rule}; name that in distance_from, or leave the cell empty")
+        mend = "name that in distance_from, or leave the cell empty"
+        raise CampaignError(campaign.path, f"{rule}; {mend}", line, heading)
 
 
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
