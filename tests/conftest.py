@@ -12,15 +12,9 @@ from pouring_robot.campaign.plan import PosePlan, random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli import OBJECTS_BETWEEN_COLLECTIONS
 from pouring_robot.diagnosis.report import export
-from pouring_robot.io.threads import one_blas_thread_from_the_start
 from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure
 from tests.support import ACTUAL, crooked_model
-
-
-def pytest_configure():
-    """Let workers that share the cores not share each product among them, too."""
-    one_blas_thread_from_the_start()
 
 
 def pytest_collection_finish():
