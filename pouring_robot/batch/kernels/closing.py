@@ -42,10 +42,11 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
     ``options``: largest step that may end the search, residual that counts as closed, error that may be left, and
     length of steps that are round-off if they do not shrink.
 
-    As ``closure.ClosureSolver``, with two refinements. The step after a short step reuses its
-    factors. A step that raises the energy is followed by a damped one before it is judged: the mechanism is a million
-    times stiffer in some directions than in others, so a good long step leaves the floor of a narrow curved valley,
-    and the damped one, which moves in stiff directions only, returns to the floor.
+    As ``closure.ClosureSolver``, but for a step that raises the energy. There an undamped one follows before it is
+    judged, here a damped one: the mechanism is a million times stiffer in some directions than in others, so a good
+    long step leaves the floor of a narrow curved valley, and the damped one, which moves in stiff directions only,
+    returns to the floor. Where that, too, ends higher, the solver damps the next step from the best state; here its
+    quarters are tried first.
     """
     step_tolerance, closed_below, left_over, round_off = options[0], options[1], options[2], options[3]
     energy, largest, length, previous = 0.0, 0.0, 0.0, 0.0
