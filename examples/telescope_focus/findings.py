@@ -12,7 +12,7 @@ from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
-from .model import NIGHT, PRIOR_STD_UM, STORIES, constants, descriptions, forms, is_night, problem_at
+from .model import NIGHT, PRIOR_STD_UM, STORIES, constants, descriptions, forms, is_night, problem_of
 from .unknown_noise import Key, Keys, UnknownNoise
 
 LEAST_ROWS = 12
@@ -82,7 +82,7 @@ class Findings:
         noises = np.geomspace(spread / 40.0, 1.2 * spread, _NOISES)
         choice = float(np.log(max(sum(is_night(key) for key in self.forms), 1)))
         self.core = UnknownNoise(
-            lambda noise: problem_at(rows, noise), noises, self.thresholds, lambda key: choice if is_night(key) else 0.0
+            problem_of(rows), noises, self.thresholds, lambda key: choice if is_night(key) else 0.0
         )
         self.keys: Keys = self.core.best()
 

@@ -88,15 +88,13 @@ def is_night(key: tuple[str, str]) -> bool:
     return key[0].startswith(f"{NIGHT} ")
 
 
-def problem_at(rows: FocusRows, noise_um: float) -> Problem:
-    """Return the problem for a noise: constants are free, a night off is an explanation but no cause."""
+def problem_of(rows: FocusRows) -> Problem:
+    """Return the problem for a noise of 1 µm: constants are free, a night off is an explanation but no cause."""
     found = [
-        Explanation(
-            *key, PRIOR_STD_UM / noise_um * f.columns, np.ones(f.columns.shape[1], dtype=bool), cause=not is_night(key)
-        )
+        Explanation(*key, PRIOR_STD_UM * f.columns, np.ones(f.columns.shape[1], dtype=bool), cause=not is_night(key))
         for key, f in forms(rows).items()
     ]
-    return Problem.build(rows.focus_um / noise_um, constants(rows), (), found)
+    return Problem.build(rows.focus_um, constants(rows), (), found)
 
 
 def constants(rows: FocusRows) -> FloatArray:

@@ -3,6 +3,8 @@ r"""The core's evidence where nobody says how large the noise is: it is integrat
 The core takes residuals over the noise. For a noise σ the density of the data is the core's evidence times
 :math:`\sigma^{-(n - f)}` (n rows, f free constants). Every hypothesis is weighed by that over a grid of σ, spread
 evenly in its logarithm; what varies from one exposure to the next without following anything then counts as noise.
+A search of a robot's campaign, of seconds, is run at one noise at a time, until that is what it leaves over
+(:mod:`pouring_robot.diagnosis.searched`); here a search takes milliseconds, so that every noise can be asked.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ from scipy.special import logsumexp
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.problem import Explanation, Problem
-from pouring_robot.inference.processes import Process, columns_of
+from pouring_robot.inference.problem import Problem
+from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import FloatArray
@@ -53,7 +55,7 @@ class UnknownNoise:
     """A family of problems, one for each noise of a grid.
 
     Args:
-        problem_at: returns the problem for a noise.
+        problem: as it is where the noise is one of the units that ``noises`` are in.
         noises: shape (g,), evenly spread in their logarithm.
         thresholds: what an explanation must be worth.
         price: nats that an explanation costs beyond the threshold, because it was picked from many of its kind.
@@ -62,7 +64,7 @@ class UnknownNoise:
 
     def __init__(
         self,
-        problem_at: Callable[[float], Problem],
+        problem: Problem,
         noises: FloatArray,
         thresholds: Thresholds,
         price: Callable[[Key], float] = lambda key: 0.0,
@@ -70,14 +72,9 @@ class UnknownNoise:
     ) -> None:
         """Build the problems."""
         self.noises, self.thresholds, self._price, self._every = noises, thresholds, price, every
-        self.problems = [problem_at(noise) for noise in noises.tolist()]
-        self.degrees = len(self.problems[0].residual) - self.problems[0].nuisance.dof
+        self.problem, self.problems = problem, [problem.under(noise) for noise in noises.tolist()]
+        self.degrees = len(problem.residual) - problem.nuisance.dof
         self._known: dict[frozenset[Key], Weighed] = {}
-
-    @property
-    def explanations(self) -> tuple[Explanation, ...]:
-        """What may be chosen."""
-        return self.problems[0].explanations
 
     def weighed(self, keys: Iterable[Key]) -> Weighed:
         """Return the hypothesis of some explanations at every noise; order does not matter."""
@@ -133,12 +130,9 @@ class UnknownNoise:
     def structures(self, keys: Keys, described: list[Process]) -> list[tuple[str, float]]:
         """Return each description's name and its log evidence in the remainder, most evident first."""
         weighed = self.weighed(keys)
-        table = np.full((len(described), len(self.noises)), -np.inf)
-        for g, (noise, h) in enumerate(zip(self.noises.tolist(), weighed.at, strict=True)):
-            scaled = [Process.of_columns(d.where, d.by, columns_of(d.lengths[""]) / noise) for d in described]
-            found = Discrepancy.of(h, scaled).structures(-np.inf)
-            evidence = {item.process.name: item.evidence for item in found}
-            table[:, g] = [evidence.get(d.name, -np.inf) for d in described]
+        beside = (Discrepancy.of(hypothesis.on(self.problem), described) for hypothesis in weighed.at)
+        under = (found.under(noise) for found, noise in zip(beside, self.noises.tolist(), strict=True))
+        table = np.array([[one.evidence for one in found.alone] for found in under]).T
         values = logsumexp(weighed.log_density + table, axis=1) - logsumexp(weighed.log_density)
         ranked = sorted(zip(described, values.tolist(), strict=True), key=lambda pair: -pair[1])
         return [(d.name, value) for d, value in ranked]
@@ -151,11 +145,6 @@ def _hypothesis(problem: Problem, keys: Keys) -> Hypothesis:
 
 
 def _own(hypothesis: Hypothesis, key: Key) -> tuple[FloatArray, FloatArray]:
-    mean, covariance = hypothesis.coefficients()
-    place = 0
-    for item, weights in zip(hypothesis.items, hypothesis.weights(), strict=True):
-        own = slice(place, place + len(weights))
-        if item.key == key:
-            return weights * mean[own], np.outer(weights, weights) * covariance[own, own]
-        place = own.stop
-    raise KeyError(key)
+    place = [item.key for item in hypothesis.items].index(key)
+    own, weights = hypothesis.spans[place], hypothesis.weights()[place]
+    return hypothesis.values[place], np.outer(weights, weights) * hypothesis.coefficients()[1][own, own]
