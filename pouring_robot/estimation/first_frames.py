@@ -1,20 +1,19 @@
 """Where a fit starts: both outer frames, of the present robot, fitted to whatever was measured.
 
 Of enough whole positions by :mod:`pouring_robot.estimation.frames.fit`; of single coordinates and distances from many
-starts, as least squares by Levenberg and Marquardt.
+starts, as least squares by Levenberg and Marquardt. Both by the measurement model, which rests on the folder of frames.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES, OuterFrames
-from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
+from pouring_robot.estimation.frames.starts import CUBE_ROTATIONS, FEWEST_FOR_FRAMES
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
@@ -68,9 +67,10 @@ def _starts(measured: MeasuredPoses, closure: BatchClosure) -> list[OuterFrames]
         residual = measured.residual(Prediction.of(closure, OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())))
         away = np.nanmean(residual[:, FRAMES // 2] + np.linalg.norm(closure.position, axis=1))
         sides = away * np.concatenate([np.eye(3), -np.eye(3)])
-    turns = Rotation.create_group("O").as_matrix()
     return [
-        OuterFrames(pin.SE3(turn, seen + side - turn @ places), pin.SE3.Identity()) for turn in turns for side in sides
+        OuterFrames(pin.SE3(turn, seen + side - turn @ places), pin.SE3.Identity())
+        for turn in CUBE_ROTATIONS
+        for side in sides
     ]
 
 

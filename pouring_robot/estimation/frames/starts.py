@@ -23,6 +23,8 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_matrices, skew
 
 FEWEST_FOR_FRAMES = 6  # rows that a fit of the frames needs at the least
+CUBE_ROTATIONS: FloatArray = Rotation.create_group("O").as_matrix()
+"""The 24 that take axes into axes, (24, 3, 3): from the nearest of them no rotation is far."""
 _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _STEPS = 20
@@ -151,7 +153,7 @@ class _Form:
         turned = np.concatenate([np.kron(np.eye(3), axis) for axis in axes], axis=1)
         twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
         floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
-        flat = np.tile(Rotation.create_group("O").as_matrix().reshape(-1, 9), (sets, 1, 1))
+        flat = np.tile(CUBE_ROTATIONS.reshape(-1, 9), (sets, 1, 1))
         still = np.arange(sets)  # of the others every start is where it ends
         for steps in range(_STEPS):
             if steps in _KEPT:
