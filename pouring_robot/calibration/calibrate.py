@@ -31,8 +31,8 @@ from pouring_robot.estimation.map_fit import (
     FitOptions,
     campaign_and_model,
     identify,
-    noise_left_over,
     seen_from_one_place,
+    settled_noise,
 )
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand, repeats
@@ -117,7 +117,7 @@ def calibrate(
     task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise_beforehand(campaign, parts.train))
     if task.noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
-        task = replace(task, noise=task.noise_left_over())
+        task = replace(task, noise=task.settled_noise())
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, task.measured, parts, candidates, tolerances, options.fit, progress)
@@ -196,9 +196,9 @@ class _Task:
         prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
         return train, seen, first_frames(train, seen), prior_std
 
-    def noise_left_over(self) -> NoiseLevel:
+    def settled_noise(self) -> NoiseLevel:
         """Return the noise with what nobody states of it taken from what a fit of everything leaves over."""
-        return noise_left_over(*self._begun(self.rows), self.noise, self.options)
+        return settled_noise(*self._begun(self.rows), self.noise, self.options)
 
     def fitted(self, groups: Sequence[ParameterGroup]) -> _Answer:
         """Fit groups to the training rows."""

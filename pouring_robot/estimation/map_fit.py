@@ -208,7 +208,7 @@ def identify(
     )
 
 
-def noise_left_over(
+def settled_noise(
     rows: ModelledRows,
     measured: MeasuredPoses,
     start: Unknowns,

@@ -2,7 +2,7 @@
 
 Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
 :meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree:
-in a calibration ``noise_left_over`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
+in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
 :mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`. From where on
 that is too large to pass for noise, :func:`largest_noise` says.
 """

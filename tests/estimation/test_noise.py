@@ -10,7 +10,7 @@ from scipy.stats import binomtest, kstest
 from pouring_robot.calibration.findings import Movement
 from pouring_robot.estimation import map_fit
 from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.map_fit import identify, noise_left_over
+from pouring_robot.estimation.map_fit import identify, settled_noise
 from pouring_robot.estimation.noise import (
     LEAST_NOISE,
     Noise,
@@ -162,7 +162,7 @@ def test_exact_data_leave_the_least_noise_and_say_so(drawing, clean, monkeypatch
     start = first_frames(virtual.rows, virtual.measured)
     fits = []
     monkeypatch.setattr(map_fit, "identify", lambda *given: fits.append(identify(*given)) or fits[-1])
-    noise = noise_left_over(virtual.rows, exact, start, virtual.prior, open_noise)
+    noise = settled_noise(virtual.rows, exact, start, virtual.prior, open_noise)
     assert noise.position_m == noise.rotation_rad == LEAST_NOISE
     assert sum(fit.evaluations for fit in fits) <= 12
     (doubt,) = noise.doubts
@@ -176,7 +176,7 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     unknown = noise_beforehand(dataclasses.replace(clean.campaign, metadata=metadata), np.arange(60))
     start = first_frames(virtual.rows, virtual.measured)
-    noise = noise_left_over(virtual.rows, virtual.measured, start, virtual.prior, unknown)
+    noise = settled_noise(virtual.rows, virtual.measured, start, virtual.prior, unknown)
     fit = identify(virtual.rows, virtual.measured.with_noise(noise), start, virtual.prior)
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
     assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)
