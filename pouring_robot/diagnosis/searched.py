@@ -57,7 +57,7 @@ class Searched:
         """Search again until all that is left over is as large as the noise that it was found under."""
         found = self
         for _ in range(_NOISE_ROUNDS):
-            noise = found.noise_left
+            noise = found.noise_told
             if noise.apart(found.diagnoser.rows.noise) < _NOISE_SETTLED:
                 return found
             found = found.under(noise)
@@ -76,7 +76,7 @@ class Searched:
         return replace(found, settled=False)
 
     @functools.cached_property
-    def noise_left(self) -> NoiseLevel:
+    def noise_told(self) -> NoiseLevel:
         """The noise as all that is left over tells it, where nothing better does."""
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
         freedoms = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
@@ -88,7 +88,7 @@ class Searched:
 
         It is never more than before: that causes leave more then shows that they are none.
         """
-        noise, left = self.diagnoser.rows.noise, self.noise_left
+        noise, left = self.diagnoser.rows.noise, self.noise_told
         larger = {kind: left[kind].sigma / noise[kind].sigma for kind in left.open_kinds}
         shares = {kind: self._share(kind, factor, len(larger)) for kind, factor in larger.items()}
         return noise.times({kind: min(factor * shares[kind], 1.0) for kind, factor in larger.items()})
