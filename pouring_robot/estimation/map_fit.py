@@ -132,7 +132,7 @@ class Fit:
         larger = self.scatter()
         if larger <= 1.0:  # as with nothing left over
             return 1.0
-        chance = self.noise.chance_of(self.chi_square(), self.freedoms(), float(self.shares.mean()))
+        chance = self.noise.lack_of_fit_p(self.chi_square(), self.freedoms(), float(self.shares.mean()))
         return larger if chance < FALSE_ALARMS else 1.0
 
     @property

@@ -108,11 +108,11 @@ class NoiseLevel:
                 found[kind] = replace(noise, sigma=sigma)
             elif noise.source == "repeats" and freedoms[kind] > noise.freedoms:
                 squares = freedoms[kind] * (sigma / noise.sigma) ** 2
-                if NoiseLevel({kind: noise}).chance_of(squares, freedoms[kind]) > rate:
+                if NoiseLevel({kind: noise}).lack_of_fit_p(squares, freedoms[kind]) > rate:
                     found[kind] = replace(noise, sigma=sigma, freedoms=freedoms[kind])
         return NoiseLevel(found)
 
-    def chance_of(self, squares: float, freedoms: float, share: float = 1.0) -> float:
+    def lack_of_fit_p(self, squares: float, freedoms: float, share: float = 1.0) -> float:
         """Return the probability that noise alone leaves so large a sum of squares, over it, of so many freedoms.
 
         Repeats that tell it are among what is left, and apart from each other by just as much: what is left beyond them
@@ -121,7 +121,7 @@ class NoiseLevel:
         """
         repeated = share * sum(noise.freedoms for noise in self.kinds.values() if math.isfinite(noise.freedoms))
         beyond = freedoms - repeated
-        return chance_of(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond >= 1.0 else 1.0
+        return p_value(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond >= 1.0 else 1.0
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other's its sizes differ at most."""
@@ -316,7 +316,7 @@ def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> f
     return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
 
 
-def chance_of(squares: float, freedoms: float, noise_freedoms: float) -> float:
+def p_value(squares: float, freedoms: float, noise_freedoms: float) -> float:
     """Return the probability that noise alone makes so large a sum of squares over its variance, of so many freedoms.
 
     ``noise_freedoms`` as of :attr:`NoiseLevel.freedoms`.

@@ -473,7 +473,7 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
     assert repeated.noise.freedoms == 30.0
     squares, count = 1.4 * 300.0, 300.0
-    assert repeated.excess(squares, count) > 10.0 * stated.excess(squares, count)
+    assert repeated.p_value(squares, count) > 10.0 * stated.p_value(squares, count)
 
 
 @pytest.mark.parametrize(("again", "told"), [([0, 0, 1, 1, 1, 2], True), ([0, 0, 1, 2, 1], False)])

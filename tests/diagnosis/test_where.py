@@ -381,7 +381,7 @@ def test_noise_from_few_repeats_is_trusted_less():
     ).p_value
     assert stated < 1e-6
     assert estimated > 0.05
-    squares = data.excess(50.0, 30.0)
+    squares = data.p_value(50.0, 30.0)
     assert squares == pytest.approx(scipy.stats.chi2.sf(50.0, 30.0), rel=1e-12)
 
 

@@ -15,8 +15,8 @@ from pouring_robot.estimation.noise import (
     LEAST_NOISE,
     Noise,
     NoiseLevel,
-    chance_of,
     noise_beforehand,
+    p_value,
     repeat_noise,
     repeats,
     scatter,
@@ -84,7 +84,7 @@ def test_repeat_noise_by_hand():
 def test_chance_is_as_often_as_it_says(noise_freedoms):
     random, known = np.random.default_rng(3), np.isfinite(noise_freedoms)
     variance = random.chisquare(noise_freedoms if known else 1.0, 4000) / noise_freedoms if known else np.ones(4000)
-    chances = [chance_of(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
+    chances = [p_value(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
     assert kstest(chances, "uniform").pvalue > 1e-3
 
 
@@ -94,8 +94,8 @@ def test_repeats_are_taken_from_what_their_noise_is_to_judge():
     for _ in range(4000):
         pure, beyond = random.chisquare(60.0), random.chisquare(60.0)
         noise = NoiseLevel({"position": Noise(1.0, "repeats", 60.0)})
-        chances.append(noise.chance_of((pure + beyond) / (pure / 60.0), 120.0))
-        found.append(noise.chance_of((pure + 1.5 * beyond) / (pure / 60.0), 120.0) < 0.01)
+        chances.append(noise.lack_of_fit_p((pure + beyond) / (pure / 60.0), 120.0))
+        found.append(noise.lack_of_fit_p((pure + 1.5 * beyond) / (pure / 60.0), 120.0) < 0.01)
     assert kstest(chances, "uniform").pvalue > 1e-3
     assert np.mean(found) > 0.15  # 0.03, were repeats counted on both sides
 
@@ -106,9 +106,9 @@ def test_repeats_count_by_as_much_as_a_robust_loss_leaves_of_all():
     for _ in range(4000):
         pure, beyond = random.chisquare(540.0), random.chisquare(60.0)
         noise = NoiseLevel({"position": Noise(1.0, "repeats", 540.0)})
-        chances.append(noise.chance_of(0.97 * (pure + beyond) / (pure / 540.0), 0.97 * 600.0, 0.97))
+        chances.append(noise.lack_of_fit_p(0.97 * (pure + beyond) / (pure / 540.0), 0.97 * 600.0, 0.97))
     assert kstest(chances, "uniform").statistic < 0.05  # 0.3, were the repeats taken away whole
-    assert NoiseLevel({"position": Noise(1.0, "repeats", 540.0)}).chance_of(2e3, 540.0 + 1e-13) == 1.0
+    assert NoiseLevel({"position": Noise(1.0, "repeats", 540.0)}).lack_of_fit_p(2e3, 540.0 + 1e-13) == 1.0
 
 
 def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():

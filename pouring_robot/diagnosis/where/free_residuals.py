@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pouring_robot.estimation.kinds import are, kinds_of
-from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, chance_of, scatter
+from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, p_value, scatter
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.figures import two_digits
@@ -40,9 +40,9 @@ class FreeResiduals:
         """The residual without what the frames explain, (m,)."""
         return self.nuisance.cleared(self.residual)
 
-    def excess(self, squares: float, freedoms: float) -> float:
+    def p_value(self, squares: float, freedoms: float) -> float:
         """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
-        return chance_of(squares, freedoms, self.noise.freedoms)
+        return p_value(squares, freedoms, self.noise.freedoms)
 
     @cached_property
     def turning(self) -> BoolArray:

@@ -23,7 +23,7 @@ _TILTS = ("tilted back", "half tilted", "tilted far forward")
 def overall(data: FreeResiduals, freedoms: int) -> Finding:
     """Return the misfit of everything against the noise, of so many degrees of freedom."""
     total = float(data.cleared @ data.cleared)
-    p_value = data.noise.chance_of(total, freedoms) if data.noise_known else None
+    p_value = data.noise.lack_of_fit_p(total, freedoms) if data.noise_known else None
     apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before turns
     parts = [(rms(apart[data.turning == turning]), turning) for turning in kinds]
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
@@ -47,7 +47,7 @@ def components(data: FreeResiduals) -> list[Finding]:
         variance = len(values) - 2.0 * float(np.trace(inner)) + float((inner**2).sum())
         p_value = None
         if data.noise_known and mean > 0.5:
-            p_value = data.excess(float(values @ values) * mean / variance, mean**2 / variance)
+            p_value = data.p_value(float(values @ values) * mean / variance, mean**2 / variance)
         size = sigma * rms(values)
         name, turning = component_name(k), 3 <= k < 6
         noise = f" (noise {size_text(sigma, turning)})" if data.noise_known else ""
@@ -89,7 +89,7 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
     chosen = ~data.turning[repeated]
     if freedoms < 3 or not chosen.any() or not data.noise_known:
         return []
-    p_value = data.excess(float(apart @ apart), freedoms)
+    p_value = data.p_value(float(apart @ apart), freedoms)
     spare = int(chosen.sum()) - np.unique(group[chosen]).size
     size = float(np.sqrt(((apart * data.sigma[repeated])[chosen] ** 2).sum() / spare))
     sentence = (
