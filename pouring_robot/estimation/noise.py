@@ -3,8 +3,9 @@
 Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
 :meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree:
 in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
-:mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`. From where on
-that is too large to pass for noise, :func:`largest_noise` says.
+:mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, of where they
+disagree ``diagnosis/where/dependence.py``. A fit, a whole search and a sum of processes cost and hand on other things,
+so each says itself when its rounds end. From where on that is too large to pass for noise, :func:`largest_noise` says.
 """
 
 from __future__ import annotations
