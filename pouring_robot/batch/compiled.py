@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.kernels.residuals import Closures, Samples, make_room
+from pouring_robot.batch.kernels.residuals import Closures, Samples, make_workspace
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
@@ -62,7 +62,7 @@ class CompiledEngine(Engine):
         steps = np.broadcast_to(options.growth_steps(np.fmax(own, self._largest_turn)), len(start))
         if self.structure.is_serial or steps.max(initial=1) == 1:
             return self._straight(drives, start, placed)
-        result = self._room_for(start)
+        result = self._empty_for(start)
         straight = np.flatnonzero(steps == 1)
         result.put(straight, self._straight(drives[straight], start[straight], placed[straight]))
         for number in np.unique(steps[steps > 1]).tolist():
@@ -81,7 +81,7 @@ class CompiledEngine(Engine):
         self, drives: FloatArray, start: BatchStart, placed: SiteErrors, steps: int, smooth: int
     ) -> BatchClosure:
         """Follow the drawing's mode while errors grow; samples that turn away from it get the status that says so."""
-        result = self._room_for(start)
+        result = self._empty_for(start)
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
@@ -115,7 +115,7 @@ class CompiledEngine(Engine):
 
         Loops may stay open by so much (m, rad), or as options say; a ``star`` stands in for the mechanism's own.
         """
-        result, samples, drives = self._room_for(start), _samples(start, placed), fixed(drives)
+        result, samples, drives = self._empty_for(start), _samples(start, placed), fixed(drives)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
         if chain is not None or self.structure.is_serial:
             own = fixed(np.zeros(len(start)) if chain is None else chain, np.int64)
@@ -146,7 +146,7 @@ class CompiledEngine(Engine):
         lock_arrays(carried)
         return carried
 
-    def _room_for(self, start: BatchStart) -> BatchClosure:
+    def _empty_for(self, start: BatchStart) -> BatchClosure:
         return BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
 
     def _transfer(
@@ -206,7 +206,7 @@ class CompiledEngine(Engine):
         own = star or self.structure.star
 
         def run(first: int) -> None:
-            kernel(own, make_room(own), *arguments, (first, min(first + _SAMPLES_AT_A_TIME, count)))
+            kernel(own, make_workspace(own), *arguments, (first, min(first + _SAMPLES_AT_A_TIME, count)))
 
         starts = range(0, count, _SAMPLES_AT_A_TIME)
         if self.threads == 1 or len(starts) < 2:

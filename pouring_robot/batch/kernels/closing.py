@@ -21,7 +21,7 @@ import math
 
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.residuals import Room, copy, evaluate, joint_twist, move, put, three
+from pouring_robot.batch.kernels.residuals import Workspace, copy, evaluate, joint_twist, move, put, three
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO
@@ -36,8 +36,8 @@ _settles = compiled(settles)
 
 
 @compiled
-def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) -> tuple[int, int]:
-    """Close one sample from the state in ``room``; return status and steps taken.
+def close_one(star: Star, work: Workspace, options: FloatArray, max_iterations: int) -> tuple[int, int]:
+    """Close one sample from the state in ``work``; return status and steps taken.
 
     ``options``: largest step that may end the search, residual that counts as closed, error that may be left, and
     length of steps that are round-off if they do not shrink.
@@ -55,11 +55,11 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
     first, stale, exact, factored, reused, to_floor = True, True, False, False, False, False
     for iteration in range(1, max_iterations + 1):
         if stale:
-            trial, residual = evaluate(star, room)
+            trial, residual = evaluate(star, work)
             if first:
                 energy, largest, first = trial, residual, False
             stale = False
-        solvable = factored or factorise(star, room, exact and not to_floor, _FLOOR_DAMPING if to_floor else damping)
+        solvable = factored or factorise(star, work, exact and not to_floor, _FLOOR_DAMPING if to_floor else damping)
         if not solvable and not to_floor:
             if not exact:
                 damping = max(10.0 * damping, 1e-4)
@@ -67,13 +67,13 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
             continue
         accepted = False
         if solvable:
-            step = solve_step(star, room)
+            step = solve_step(star, work)
             if not to_floor:
                 length = step
-                copy(room.platform, room.platform_before)
-                copy(room.joints, room.before)
-            move(star, room, 1.0 if to_floor else scale)
-            trial, residual = evaluate(star, room)
+                copy(work.platform, work.platform_before)
+                copy(work.joints, work.before)
+            move(star, work, 1.0 if to_floor else scale)
+            trial, residual = evaluate(star, work)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
             accepted = trial <= energy * (1.0 + 1e-12) + 1e-18
         short = length < step_tolerance and scale == 1.0 and not to_floor
@@ -91,8 +91,8 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
         elif not to_floor:
             factored, to_floor = False, True
         else:
-            copy(room.platform_before, room.platform)
-            copy(room.before, room.joints)
+            copy(work.platform_before, work.platform)
+            copy(work.before, work.joints)
             factored, to_floor, stale, scale = False, False, True, 0.25 * scale
             if scale < 1e-3:
                 scale, damping = 1.0, max(10.0 * damping, 1e-4)
@@ -100,29 +100,29 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
 
 
 @compiled
-def solve_step(star: Star, room: Room) -> float:
+def solve_step(star: Star, work: Workspace) -> float:
     """Write the Newton step from the factorised Hessian and the present gaps; return its largest component."""
     places = star.passive.shape[1]
-    s, step = room.schur, room.step
+    s, step = work.schur, work.step
     step[:] = 0.0
     for i in range(star.revolute.shape[0]):
-        force, torque = three(room.force[i], 0), three(room.torque[i], 0)
-        b = three(room.origin_b[i], 0)
-        moment = cross(minus(b, three(room.platform, 9)), force)
+        force, torque = three(work.force[i], 0), three(work.torque[i], 0)
+        b = three(work.origin_b[i], 0)
+        moment = cross(minus(b, three(work.platform, 9)), force)
         for c in range(3):
             step[c] -= force[c]
             step[3 + c] -= torque[c] + moment[c]
         for n in range(places):
             downhill = 0.0
             if star.passive[i, n] >= 0:
-                linear, angular = joint_twist(star, room, i, star.passive[i, n], b)
+                linear, angular = joint_twist(star, work, i, star.passive[i, n], b)
                 downhill = dot(linear, force) + dot(angular, torque)
             for m in range(n):
-                downhill -= room.factor[i, n * places + m] * room.joint_step[i, m]
-            room.joint_step[i, n] = downhill
-            scaled = downhill * room.factor[i, n * places + n]
+                downhill -= work.factor[i, n * places + m] * work.joint_step[i, m]
+            work.joint_step[i, n] = downhill
+            scaled = downhill * work.factor[i, n * places + n]
             for c in range(6):
-                step[c] -= scaled * room.coupling[i, 6 * n + c]
+                step[c] -= scaled * work.coupling[i, 6 * n + c]
     solve_platform(s, step)
     longest = 0.0
     for c in range(6):
@@ -130,62 +130,62 @@ def solve_step(star: Star, room: Room) -> float:
             longest = abs(step[c])
     for i in range(star.revolute.shape[0]):
         for n in range(places - 1, -1, -1):
-            total = room.joint_step[i, n]
+            total = work.joint_step[i, n]
             for c in range(6):
-                total -= room.coupling[i, 6 * n + c] * step[c]
-            total *= room.factor[i, n * places + n]
+                total -= work.coupling[i, 6 * n + c] * step[c]
+            total *= work.factor[i, n * places + n]
             for m in range(n + 1, places):
-                total -= room.factor[i, m * places + n] * room.joint_step[i, m]
-            room.joint_step[i, n] = total
+                total -= work.factor[i, m * places + n] * work.joint_step[i, m]
+            work.joint_step[i, n] = total
             if not abs(total) <= longest:
                 longest = abs(total)
     return longest
 
 
 @compiled
-def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
+def factorise(star: Star, work: Workspace, exact: bool, damping: float) -> bool:
     """Factorise the Hessian at the evaluated state; return whether it is positive semidefinite."""
-    s = room.schur
+    s = work.schur
     s[:] = 0.0
     for i in range(star.revolute.shape[0]):
-        rho = chain_columns(star, room, i, exact)
-        if not eliminate(star, room, i, rho, damping):
+        rho = chain_columns(star, work, i, exact)
+        if not eliminate(star, work, i, rho, damping):
             return False
-        add_platform_block(room, rho)
+        add_platform_block(work, rho)
     for c in range(6):
         s[7 * c] *= 1.0 + damping
-    subtract_chains(star, room)
+    subtract_chains(star, work)
     return cholesky(s, SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0])
 
 
 @compiled
-def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
+def chain_columns(star: Star, work: Workspace, i: int, exact: bool) -> Triple:
     """Write ``matrix``, ``columns`` and ``stiff`` of chain i; return its reference point from the platform's.
 
     The reference point is the origin of frame b, or (not exact) the midpoint of frames a and b.
     """
     kt, kr = star.stiffness[0], star.stiffness[1]
-    columns, stiff = room.columns[i], room.stiff[i]
-    reference = three(room.origin_b[i], 0)
+    columns, stiff = work.columns[i], work.stiff[i]
+    reference = three(work.origin_b[i], 0)
     if exact:
-        wrench_stiffness(three(room.shift[i], 0), three(room.turned[i], 0), kt, kr, room.matrix, room.blocks)
+        wrench_stiffness(three(work.shift[i], 0), three(work.turned[i], 0), kt, kr, work.matrix, work.blocks)
     else:
-        reference = minus(reference, scaled(0.5, three(room.gap[i], 0)))
-        room.matrix[:] = 0.0
+        reference = minus(reference, scaled(0.5, three(work.gap[i], 0)))
+        work.matrix[:] = 0.0
         for c in range(3):
-            room.matrix[7 * c], room.matrix[21 + 7 * c] = kt, kr
+            work.matrix[7 * c], work.matrix[21 + 7 * c] = kt, kr
     for n in range(star.passive.shape[1]):
         at, k = 6 * n, star.passive[i, n]
         if k < 0:
             columns[at : at + 6] = 0.0
             stiff[at : at + 6] = 0.0
             continue
-        linear, angular = joint_twist(star, room, i, k, reference)
+        linear, angular = joint_twist(star, work, i, k, reference)
         put(columns, at, linear)
         put(columns, at + 3, angular)
         for c in range(6):
-            stiff[at + c] = row_times(room.matrix, 6 * c, linear, angular)
-    return minus(reference, three(room.platform, 9))
+            stiff[at + c] = row_times(work.matrix, 6 * c, linear, angular)
+    return minus(reference, three(work.platform, 9))
 
 
 @compiled
@@ -195,10 +195,10 @@ def row_times(matrix: FloatArray, at: int, linear: Triple, angular: Triple) -> f
 
 
 @compiled
-def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bool:
+def eliminate(star: Star, work: Workspace, i: int, rho: Triple, damping: float) -> bool:
     """Factorise chain i's own block and write its coupling; return whether the block is positive semidefinite."""
     places = star.passive.shape[1]
-    d, wd, low, z = room.columns[i], room.stiff[i], room.factor[i], room.coupling[i]
+    d, wd, low, z = work.columns[i], work.stiff[i], work.factor[i], work.coupling[i]
     for n in range(places):
         row = n * places
         if star.passive[i, n] < 0:
@@ -239,10 +239,10 @@ def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bo
 
 
 @compiled
-def add_platform_block(room: Room, rho: Triple) -> None:
+def add_platform_block(work: Workspace, rho: Triple) -> None:
     """Add a chain's W, moved to the platform's origin, to the lower triangle of ``schur``."""
     x, y, z = rho
-    m = room.matrix
+    m = work.matrix
     for c in range(6):  # torque rows: add rho x force
         f0, f1, f2 = m[c], m[6 + c], m[12 + c]
         m[18 + c] += y * f2 - z * f1
@@ -255,20 +255,20 @@ def add_platform_block(room: Room, rho: Triple) -> None:
         m[6 * c + 5] += x * f1 - y * f0
     for c in range(6):
         for k in range(c + 1):
-            room.schur[6 * c + k] += 0.5 * (m[6 * c + k] + m[6 * k + c])
+            work.schur[6 * c + k] += 0.5 * (m[6 * c + k] + m[6 * k + c])
 
 
 @compiled
-def subtract_chains(star: Star, room: Room) -> None:
+def subtract_chains(star: Star, work: Workspace) -> None:
     """Take what the eliminated chains give way off the platform's block."""
     places = star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
         for n in range(places):
-            weight, z = room.factor[i, n * places + n], room.coupling[i, 6 * n : 6 * n + 6]
+            weight, z = work.factor[i, n * places + n], work.coupling[i, 6 * n : 6 * n + 6]
             for c in range(6):
                 share = weight * z[c]
                 for k in range(c + 1):
-                    room.schur[6 * c + k] -= share * z[k]
+                    work.schur[6 * c + k] -= share * z[k]
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Compiled: where the chains end, how far the loops are open, and the energy of that; the arrays of all kernels.
 
-The working arrays, one room a thread, are made outside, so that kernels allocate nothing.
+The working arrays, one workspace a thread, are made outside, so that kernels allocate nothing.
 """
 
 import math
@@ -30,7 +30,7 @@ from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Working arrays of one thread, for C chains of J joints with P passive places."""
 
     sites: FloatArray  # present placements, as in ``Star``, (C, J + 2, 12)
@@ -85,14 +85,14 @@ class Closures(NamedTuple):
     status: ByteArray
 
 
-def make_room(star: Star) -> Room:
+def make_workspace(star: Star) -> Workspace:
     """Return working arrays for a star; its sites are those without errors."""
     chains, joints = star.revolute.shape
     places = star.passive.shape[1]
     count, six = chains * joints, (chains, 6 * places)
     shapes = (count, count, 12, 12, (chains, joints, 9), *[(chains, 3)] * 6, (chains, 9), six, six)
     more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
-    return Room(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
+    return Workspace(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
 
 
 @compiled
@@ -115,41 +115,41 @@ def put(row: FloatArray, at: int, a: Triple) -> None:
 
 
 @compiled
-def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
+def carry(star: Star, work: Workspace, i: int) -> tuple[Rotation, Triple]:
     """Return rotation and origin of frame a of chain i; writes the frames of its joints."""
     count = star.revolute.shape[1]
-    r, place = nine(room.sites[i, 0]), three(room.sites[i, 0], 9)
+    r, place = nine(work.sites[i, 0]), three(work.sites[i, 0], 9)
     for k in range(count):
         axis = (r[2], r[5], r[8])
-        put(room.frames[i, k], 0, axis)
-        put(room.frames[i, k], 3, place)
-        put(room.frames[i, k], 6, (r[0], r[3], r[6]))
+        put(work.frames[i, k], 0, axis)
+        put(work.frames[i, k], 3, place)
+        put(work.frames[i, k], 6, (r[0], r[3], r[6]))
         at = i * count + k
         if star.revolute[i, k]:
-            s, c = math.sin(room.joints[at]), math.cos(room.joints[at])
+            s, c = math.sin(work.joints[at]), math.cos(work.joints[at])
             x, y = (c * r[0] + s * r[1], c * r[3] + s * r[4], c * r[6] + s * r[7]), (r[1], r[4], r[7])
             y = (c * y[0] - s * r[0], c * y[1] - s * r[3], c * y[2] - s * r[6])
             r = (x[0], y[0], r[2], x[1], y[1], r[5], x[2], y[2], r[8])
         else:
-            place = plus(place, scaled(room.joints[at], axis))
-        place = plus(place, turn(r, three(room.sites[i, k + 1], 9)))
-        r = product(r, nine(room.sites[i, k + 1]))
+            place = plus(place, scaled(work.joints[at], axis))
+        place = plus(place, turn(r, three(work.sites[i, k + 1], 9)))
+        r = product(r, nine(work.sites[i, k + 1]))
     return r, place
 
 
 @compiled
-def arm_of(room: Room, i: int, k: int, point: Triple) -> Triple:
+def arm_of(work: Workspace, i: int, k: int, point: Triple) -> Triple:
     """Return the vector from joint k's origin in chain i to a point."""
-    return minus(point, three(room.frames[i, k], 3))
+    return minus(point, three(work.frames[i, k], 3))
 
 
 @compiled
-def joint_twist(star: Star, room: Room, i: int, k: int, point: Triple) -> tuple[Triple, Triple]:
+def joint_twist(star: Star, work: Workspace, i: int, k: int, point: Triple) -> tuple[Triple, Triple]:
     """Return the twist of joint k in chain i about a point."""
-    axis = three(room.frames[i, k], 0)
+    axis = three(work.frames[i, k], 0)
     if not star.revolute[i, k]:
         return axis, (0.0, 0.0, 0.0)
-    return cross(axis, arm_of(room, i, k, point)), axis
+    return cross(axis, arm_of(work, i, k, point)), axis
 
 
 @compiled
@@ -161,27 +161,27 @@ def shift_over(gap: Triple, w: Triple, side: float) -> Triple:
 
 
 @compiled
-def evaluate(star: Star, room: Room) -> tuple[float, float]:
+def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
     """Write frames and gaps of all loops; return the energy (J) and the largest residual component (m or rad)."""
     kt, kr = star.stiffness[0], star.stiffness[1]
     energy, largest = 0.0, 0.0
     seat = star.revolute.shape[1] + 1
-    r_platform, origin = nine(room.platform), three(room.platform, 9)
+    r_platform, origin = nine(work.platform), three(work.platform, 9)
     for i in range(star.revolute.shape[0]):
-        r_a, a = carry(star, room, i)
-        b = plus(origin, turn(r_platform, three(room.sites[i, seat], 9)))
-        w = turn_between(r_a, product(r_platform, nine(room.sites[i, seat])))
+        r_a, a = carry(star, work, i)
+        b = plus(origin, turn(r_platform, three(work.sites[i, seat], 9)))
+        w = turn_between(r_a, product(r_platform, nine(work.sites[i, seat])))
         gap = minus(b, a)
         v = shift_over(gap, w, -1.0)
         force, torque = residual_wrench(v, w, kt, kr)
-        put(room.origin_b[i], 0, b)
-        put(room.gap[i], 0, gap)
-        put(room.turned[i], 0, w)
-        put(room.shift[i], 0, v)
-        put(room.force[i], 0, force)
-        put(room.torque[i], 0, torque)
+        put(work.origin_b[i], 0, b)
+        put(work.gap[i], 0, gap)
+        put(work.turned[i], 0, w)
+        put(work.shift[i], 0, v)
+        put(work.force[i], 0, force)
+        put(work.torque[i], 0, torque)
         for k in range(9):
-            room.axes_a[i, k] = r_a[k]
+            work.axes_a[i, k] = r_a[k]
         energy += 0.5 * (kt * dot(v, v) + kr * dot(w, w))
         # NaN must win: it compares false with everything.
         for value in (v[0], v[1], v[2], w[0], w[1], w[2]):
@@ -191,24 +191,24 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
 
 
 @compiled
-def residual_of(room: Room, i: int, residual: FloatArray) -> None:
+def residual_of(work: Workspace, i: int, residual: FloatArray) -> None:
     """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, (6,)."""
-    r_a, w = nine(room.axes_a[i]), three(room.turned[i], 0)
-    put(residual, 0, turn_back(r_a, shift_over(three(room.gap[i], 0), w, 1.0)))
+    r_a, w = nine(work.axes_a[i]), three(work.turned[i], 0)
+    put(residual, 0, turn_back(r_a, shift_over(three(work.gap[i], 0), w, 1.0)))
     put(residual, 3, turn_back(r_a, w))
 
 
 @compiled
-def branch_end(star: Star, room: Room, i: int) -> tuple[Rotation, Triple, Triple]:
+def branch_end(star: Star, work: Workspace, i: int) -> tuple[Rotation, Triple, Triple]:
     """Return frame a's rotation, the way from the end frame's origin to frame a's, and the end frame's origin."""
-    seat = room.sites[i, star.revolute.shape[1] + 1]
-    r_a, a = carry(star, room, i)
+    seat = work.sites[i, star.revolute.shape[1] + 1]
+    r_a, a = carry(star, work, i)
     offset = turn(r_a, turn_back(nine(seat), three(seat, 9)))
     return r_a, offset, minus(a, offset)
 
 
 @compiled
-def displace(star: Star, room: Room, site: int, error: FloatArray) -> None:
+def displace(star: Star, work: Workspace, site: int, error: FloatArray) -> None:
     """Write ``placement o SE3(exp3(rotation), translation)`` of a site for its error (6,), in m and rad."""
     per_chain = star.placements.shape[1] - 1
     i, k = site // per_chain, site % per_chain
@@ -217,9 +217,9 @@ def displace(star: Star, room: Room, site: int, error: FloatArray) -> None:
     axes, r = nine(star.site_axes[site]), nine(star.placements[i, k])
     turned = product(r, rotation_from_vector(turn_back(axes, three(error, 3))))
     for m in range(9):
-        room.sites[i, k, m] = turned[m]
+        work.sites[i, k, m] = turned[m]
     shift = turn(r, turn_back(axes, three(error, 0)))
-    put(room.sites[i, k], 9, plus(three(star.placements[i, k], 9), shift))
+    put(work.sites[i, k], 9, plus(three(star.placements[i, k], 9), shift))
 
 
 @compiled
@@ -230,9 +230,9 @@ def copy(numbers: FloatArray, to: FloatArray) -> None:
 
 
 @compiled
-def move(star: Star, room: Room, share: float) -> None:
+def move(star: Star, work: Workspace, share: float) -> None:
     """Move by a share of the step: a twist of the platform in base axes, and the steps of the joints."""
-    step, platform = room.step, room.platform
+    step, platform = work.step, work.platform
     turned = product(rotation_from_vector(scaled(share, three(step, 3))), nine(platform))
     for k in range(9):
         platform[k] = turned[k]
@@ -242,4 +242,4 @@ def move(star: Star, room: Room, share: float) -> None:
     for i in range(star.revolute.shape[0]):
         for n in range(star.passive.shape[1]):
             if star.passive[i, n] >= 0:
-                room.joints[i * joints + star.passive[i, n]] += share * room.joint_step[i, n]
+                work.joints[i * joints + star.passive[i, n]] += share * work.joint_step[i, n]

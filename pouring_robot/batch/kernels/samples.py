@@ -10,8 +10,8 @@ from pouring_robot.batch.kernels.closing import close_one
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
     Closures,
-    Room,
     Samples,
+    Workspace,
     branch_end,
     displace,
     nine,
@@ -29,47 +29,47 @@ Rows = tuple[int, int]
 
 
 @compiled
-def load_joints(star: Star, room: Room, joints: FloatArray) -> bool:
-    """Copy one sample's joints (C, J) into the room; return whether they are finite."""
+def load_joints(star: Star, work: Workspace, joints: FloatArray) -> bool:
+    """Copy one sample's joints (C, J) into the workspace; return whether they are finite."""
     total = 0.0
     chains, count = star.revolute.shape
     for i in range(chains):
         for k in range(count):
-            room.joints[i * count + k] = joints[i, k]
+            work.joints[i * count + k] = joints[i, k]
             total += abs(joints[i, k])
     return math.isfinite(total)
 
 
 @compiled
-def load_state(star: Star, room: Room, samples: Samples, row: int) -> bool:
-    """Copy one sample's pose and joints into the room; return whether they are finite and the axes orthonormal."""
+def load_state(star: Star, work: Workspace, samples: Samples, row: int) -> bool:
+    """Copy one sample's pose and joints into the workspace; return whether they are finite and the axes orthonormal."""
     total, skew = 0.0, 0.0
-    put(room.platform, 9, three(samples.position[row], 0))
+    put(work.platform, 9, three(samples.position[row], 0))
     for c in range(3):
-        total += abs(room.platform[9 + c])
-        put(room.platform, 3 * c, three(samples.rotation[row, c], 0))
+        total += abs(work.platform[9 + c])
+        put(work.platform, 3 * c, three(samples.rotation[row, c], 0))
     for c in range(3):
         for k in range(c + 1):
             product = 1.0 if c == k else 0.0
             for m in range(3):
-                product -= room.platform[3 * m + c] * room.platform[3 * m + k]
+                product -= work.platform[3 * m + c] * work.platform[3 * m + k]
             skew += abs(product)
-    return load_joints(star, room, samples.joints[row]) and math.isfinite(total) and skew < _ROTATION_TOLERANCE
+    return load_joints(star, work, samples.joints[row]) and math.isfinite(total) and skew < _ROTATION_TOLERANCE
 
 
 @compiled
-def load_drives(star: Star, room: Room, drives: FloatArray) -> bool:
+def load_drives(star: Star, work: Workspace, drives: FloatArray) -> bool:
     """Put one sample's drive values over its joints; return whether they are finite."""
     total = 0.0
     for d in range(star.drives.shape[0]):
-        room.joints[star.drives[d, 0] * star.revolute.shape[1] + star.drives[d, 1]] = drives[d]
+        work.joints[star.drives[d, 0] * star.revolute.shape[1] + star.drives[d, 1]] = drives[d]
         total += abs(drives[d])
     return math.isfinite(total)
 
 
 @compiled
-def place_errors(star: Star, room: Room, samples: Samples, row: int, first: int) -> bool:
-    """Put the errors of one sample into the room's sites; return whether they are finite.
+def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first: int) -> bool:
+    """Put the errors of one sample into the workspace's sites; return whether they are finite.
 
     Errors that all samples share are put in place with sample ``first``.
     """
@@ -82,44 +82,44 @@ def place_errors(star: Star, room: Room, samples: Samples, row: int, first: int)
         for c in range(6):
             total += abs(errors[site, c])
     if count > 1 or samples.site.shape[0] > 0 or row == first:
-        for i in range(room.sites.shape[0]):
-            for k in range(room.sites.shape[1]):
+        for i in range(work.sites.shape[0]):
+            for k in range(work.sites.shape[1]):
                 for c in range(12):
-                    room.sites[i, k, c] = star.placements[i, k, c]
+                    work.sites[i, k, c] = star.placements[i, k, c]
         for site in range(errors.shape[0]):
-            displace(star, room, samples.site[row] if samples.site.shape[0] > 0 else site, errors[site])
+            displace(star, work, samples.site[row] if samples.site.shape[0] > 0 else site, errors[site])
     return math.isfinite(total)
 
 
 @compiled
-def small_gaps(star: Star, room: Room, options: FloatArray) -> bool:
+def small_gaps(star: Star, work: Workspace, options: FloatArray) -> bool:
     """Return whether no loop is open by more than ``options[4]`` (m) and ``options[5]`` (rad)."""
     for i in range(star.revolute.shape[0]):
-        shift, turned = three(room.shift[i], 0), three(room.turned[i], 0)
+        shift, turned = three(work.shift[i], 0), three(work.turned[i], 0)
         if not (dot(shift, shift) <= options[4] ** 2 and dot(turned, turned) <= options[5] ** 2):
             return False
     return True
 
 
 @compiled
-def store(star: Star, room: Room, closures: Closures, row: int, status: int) -> None:
-    """Write pose and joints of the room, or NaN for a sample that is not closed."""
+def store(star: Star, work: Workspace, closures: Closures, row: int, status: int) -> None:
+    """Write pose and joints of the workspace, or NaN for a sample that is not closed."""
     good = status == CLOSED
     chains, count = star.revolute.shape
     closures.status[row] = status
     for c in range(3):
-        closures.position[row, c] = room.platform[9 + c] if good else math.nan
+        closures.position[row, c] = work.platform[9 + c] if good else math.nan
         for k in range(3):
-            closures.rotation[row, c, k] = room.platform[3 * c + k] if good else math.nan
+            closures.rotation[row, c, k] = work.platform[3 * c + k] if good else math.nan
     for i in range(chains):
         for k in range(count):
-            closures.joints[row, i, k] = room.joints[i * count + k] if good else math.nan
+            closures.joints[row, i, k] = work.joints[i * count + k] if good else math.nan
 
 
 @outermost
 def close_samples(
     star: Star,
-    room: Room,
+    work: Workspace,
     samples: Samples,
     drives: FloatArray,
     options: FloatArray,
@@ -131,37 +131,37 @@ def close_samples(
     first, last = rows
     for row in range(first, last):
         code, steps = NOT_FINITE, 0
-        sound = load_state(star, room, samples, row)
-        sound = load_drives(star, room, drives[row]) and sound
-        if place_errors(star, room, samples, row, first) and sound:
-            code, steps = close_one(star, room, options, max_iterations)
-        if code == CLOSED and not small_gaps(star, room, options):
+        sound = load_state(star, work, samples, row)
+        sound = load_drives(star, work, drives[row]) and sound
+        if place_errors(star, work, samples, row, first) and sound:
+            code, steps = close_one(star, work, options, max_iterations)
+        if code == CLOSED and not small_gaps(star, work, options):
             code = GAP_TOO_LARGE
-        store(star, room, closures, row, code)
+        store(star, work, closures, row, code)
         closures.iterations[row] = steps
         for i in range(star.revolute.shape[0]):
-            residual_of(room, i, closures.residual[row, i])
+            residual_of(work, i, closures.residual[row, i])
         if code != CLOSED:
             closures.residual[row, :, :] = math.nan
 
 
 @outermost
 def carry_samples(
-    star: Star, room: Room, samples: Samples, drives: FloatArray, chain: IntArray, closures: Closures, rows: Rows
+    star: Star, work: Workspace, samples: Samples, drives: FloatArray, chain: IntArray, closures: Closures, rows: Rows
 ) -> None:
     """Carry the end frame by one chain a sample (n,); of the start only the joints count."""
     first, last = rows
     for row in range(first, last):
-        load_joints(star, room, samples.joints[row])
-        load_drives(star, room, drives[row])
-        sound = place_errors(star, room, samples, row, first)
-        r_a, _, origin = branch_end(star, room, chain[row])
-        axes = product(r_a, transposed(nine(room.sites[chain[row], star.revolute.shape[1] + 1])))
-        put(room.platform, 9, origin)
+        load_joints(star, work, samples.joints[row])
+        load_drives(star, work, drives[row])
+        sound = place_errors(star, work, samples, row, first)
+        r_a, _, origin = branch_end(star, work, chain[row])
+        axes = product(r_a, transposed(nine(work.sites[chain[row], star.revolute.shape[1] + 1])))
+        put(work.platform, 9, origin)
         for c in range(9):
-            room.platform[c] = axes[c]
+            work.platform[c] = axes[c]
         total = origin[0] + origin[1] + origin[2]
-        for k in range(room.joints.size):
-            total += room.joints[k]
-        store(star, room, closures, row, CLOSED if sound and math.isfinite(total) else NOT_FINITE)
+        for k in range(work.joints.size):
+            total += work.joints[k]
+        store(star, work, closures, row, CLOSED if sound and math.isfinite(total) else NOT_FINITE)
         closures.iterations[row] = 0

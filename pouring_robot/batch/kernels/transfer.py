@@ -30,8 +30,8 @@ from pouring_robot.batch.kernels.algebra import (
 from pouring_robot.batch.kernels.closing import chain_columns, factorise, row_times, solve_platform
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
-    Room,
     Samples,
+    Workspace,
     arm_of,
     branch_end,
     evaluate,
@@ -59,76 +59,76 @@ class Columns(NamedTuple):
 
 
 @compiled
-def determined(room: Room) -> bool:
+def determined(work: Workspace) -> bool:
     """Return whether no pivot of the factorised platform's block is round-off: the drives determine the platform."""
     least = math.inf
     for c in range(6):
-        least = min(least, room.schur[7 * c])  # see ``closing.cholesky``
+        least = min(least, work.schur[7 * c])  # see ``closing.cholesky``
     return bool(least > 0.0)
 
 
 @compiled
-def enter_chain(star: Star, room: Room, i: int, exact: bool) -> Triple:
+def enter_chain(star: Star, work: Workspace, i: int, exact: bool) -> Triple:
     """Write lambda, ``front`` before the first joint and ``through`` of chain i; return its reference point."""
     places = star.passive.shape[1]
-    rho = chain_columns(star, room, i, exact)
-    coupling, factor, w = room.coupling[i], room.factor[i], room.matrix
+    rho = chain_columns(star, work, i, exact)
+    coupling, factor, w = work.coupling[i], work.factor[i], work.matrix
     for r in range(6):
         u, own = 6 * r, r * places
-        force, spin = three(room.unit, u), three(room.unit, u + 3)
+        force, spin = three(work.unit, u), three(work.unit, u + 3)
         for n in range(places - 1, -1, -1):
             total = -row_times(coupling, 6 * n, force, spin) * factor[n * places + n]
             for m in range(n + 1, places):
-                total -= factor[m * places + n] * room.multipliers[own + m]
-            room.multipliers[own + n] = total
-        through = room.through[u : u + 6]
+                total -= factor[m * places + n] * work.multipliers[own + m]
+            work.multipliers[own + n] = total
+        through = work.through[u : u + 6]
         put(through, 0, plus(force, cross(spin, rho)))
         put(through, 3, spin)
         for c in range(6):
             total = 0.0
             for k in range(6):
                 total += w[6 * k + c] * through[k]
-            room.front[6 * c + r] = total
+            work.front[6 * c + r] = total
         for n in range(places):
-            share = room.multipliers[own + n]
+            share = work.multipliers[own + n]
             for c in range(6):
-                room.front[6 * c + r] -= share * room.stiff[i, 6 * n + c]
-                through[c] -= share * room.columns[i, 6 * n + c]
-    return plus(rho, three(room.platform, 9))
+                work.front[6 * c + r] -= share * work.stiff[i, 6 * n + c]
+                through[c] -= share * work.columns[i, 6 * n + c]
+    return plus(rho, three(work.platform, 9))
 
 
 @compiled
-def bracket(room: Room, i: int, linear: Triple, angular: Triple) -> tuple[Triple, Triple]:
+def bracket(work: Workspace, i: int, linear: Triple, angular: Triple) -> tuple[Triple, Triple]:
     """Return the bracket form of loop i's wrench applied to a twist about frame b: ``(W^T - W) D``."""
-    force, torque = three(room.force[i], 0), three(room.torque[i], 0)
+    force, torque = three(work.force[i], 0), three(work.torque[i], 0)
     return cross(angular, force), plus(cross(linear, force), cross(angular, torque))
 
 
 @compiled
-def add_to_front(room: Room, r: int, share: float, twist: tuple[Triple, Triple]) -> None:
+def add_to_front(work: Workspace, r: int, share: float, twist: tuple[Triple, Triple]) -> None:
     """Add a share of a twist to row r of ``front``."""
     for c in range(3):
-        room.front[6 * c + r] += share * twist[0][c]
-        room.front[18 + 6 * c + r] += share * twist[1][c]
+        work.front[6 * c + r] += share * twist[0][c]
+        work.front[18 + 6 * c + r] += share * twist[1][c]
 
 
 @compiled
-def apply_front(room: Room, linear: Triple, angular: Triple, at: int) -> None:
+def apply_front(work: Workspace, linear: Triple, angular: Triple, at: int) -> None:
     """Write ``front`` times a twist into column ``at`` of ``answer``."""
-    f = room.front
+    f = work.front
     for r in range(6):
         along = f[r] * linear[0] + f[6 + r] * linear[1] + f[12 + r] * linear[2]
-        room.answer[6 * at + r] = along + f[18 + r] * angular[0] + f[24 + r] * angular[1] + f[30 + r] * angular[2]
+        work.answer[6 * at + r] = along + f[18 + r] * angular[0] + f[24 + r] * angular[1] + f[30 + r] * angular[2]
 
 
 @compiled
-def write_site(room: Room, columns: Columns, site: int, axes: Rotation, arm: Triple, matrix: FloatArray) -> None:
+def write_site(work: Workspace, columns: Columns, site: int, axes: Rotation, arm: Triple, matrix: FloatArray) -> None:
     """Write G's columns of a site with the given axes (rows); ``arm`` goes from its origin to the reference point."""
     for k in range(3):
         axis = (axes[3 * k], axes[3 * k + 1], axes[3 * k + 2])
-        apply_front(room, axis, (0.0, 0.0, 0.0), k)
-        apply_front(room, cross(axis, arm), axis, 3 + k)
-    s = room.answer
+        apply_front(work, axis, (0.0, 0.0, 0.0), k)
+        apply_front(work, cross(axis, arm), axis, 3 + k)
+    s = work.answer
     for at in range(columns.site_start[site], columns.site_start[site + 1]):
         p = columns.order[at]
         t = columns.twists[p]
@@ -138,46 +138,46 @@ def write_site(room: Room, columns: Columns, site: int, axes: Rotation, arm: Tri
 
 
 @compiled
-def site_axes(room: Room, i: int, k: int) -> Rotation:
+def site_axes(work: Workspace, i: int, k: int) -> Rotation:
     """Return the axes of joint k's placement in chain i, as rows."""
-    z, x = three(room.frames[i, k], 0), three(room.frames[i, k], 6)
+    z, x = three(work.frames[i, k], 0), three(work.frames[i, k], 6)
     y = cross(z, x)
     return x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]
 
 
 @compiled
-def transfer_one(star: Star, room: Room, columns: Columns, matrix: FloatArray, exact: bool) -> None:
+def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArray, exact: bool) -> None:
     """Write G (columns, 6) of the evaluated and factorised sample."""
-    room.unit[:] = 0.0
+    work.unit[:] = 0.0
     for r in range(6):  # u is the inverse Schur complement
-        room.unit[7 * r] = 1.0
-        solve_platform(room.schur, room.unit[6 * r : 6 * r + 6])
+        work.unit[7 * r] = 1.0
+        solve_platform(work.schur, work.unit[6 * r : 6 * r + 6])
     joints, places = star.revolute.shape[1], star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
-        reference = enter_chain(star, room, i, exact)
+        reference = enter_chain(star, work, i, exact)
         for k in range(joints):
             site = i * (joints + 1) + k
             if columns.site_start[site] < columns.site_start[site + 1]:
-                write_site(room, columns, site, site_axes(room, i, k), arm_of(room, i, k, reference), matrix)
+                write_site(work, columns, site, site_axes(work, i, k), arm_of(work, i, k, reference), matrix)
             n = star.place[i, k]
             if n >= 0 and exact:  # passive place n turns from a later into an earlier freedom
-                turned = bracket(room, i, three(room.columns[i], 6 * n), three(room.columns[i], 6 * n + 3))
+                turned = bracket(work, i, three(work.columns[i], 6 * n), three(work.columns[i], 6 * n + 3))
                 for r in range(6):
-                    add_to_front(room, r, -room.multipliers[r * places + n], turned)
+                    add_to_front(work, r, -work.multipliers[r * places + n], turned)
             for d in range(star.drives.shape[0]):
                 if star.drives[d, 0] == i and star.drives[d, 1] == k and columns.drives[d] >= 0:
-                    linear, angular = joint_twist(star, room, i, k, reference)
-                    apply_front(room, linear, angular, 0)
+                    linear, angular = joint_twist(star, work, i, k, reference)
+                    apply_front(work, linear, angular, 0)
                     for r in range(6):
-                        matrix[columns.drives[d], r] = room.answer[r]
+                        matrix[columns.drives[d], r] = work.answer[r]
         # ``front`` behind the last joint, (E + L)^T W, turns into the seat's -(E + L)^T W^T.
         for c in range(36):
-            room.front[c] = -room.front[c]
+            work.front[c] = -work.front[c]
         for r in range(6 if exact else 0):
-            add_to_front(room, r, 1.0, bracket(room, i, three(room.through, 6 * r), three(room.through, 6 * r + 3)))
-        arm = minus(reference, three(room.origin_b[i], 0))
-        turned_axes = product(nine(room.platform), nine(room.sites[i, joints + 1]))
-        write_site(room, columns, i * (joints + 1) + joints, transposed(turned_axes), arm, matrix)
+            add_to_front(work, r, 1.0, bracket(work, i, three(work.through, 6 * r), three(work.through, 6 * r + 3)))
+        arm = minus(reference, three(work.origin_b[i], 0))
+        turned_axes = product(nine(work.platform), nine(work.sites[i, joints + 1]))
+        write_site(work, columns, i * (joints + 1) + joints, transposed(turned_axes), arm, matrix)
 
 
 @compiled
@@ -197,28 +197,28 @@ def write_branch_site(
 
 @outermost
 def transfer_samples(
-    star: Star, room: Room, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
+    star: Star, work: Workspace, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
     """Write G (n, columns, 6) of closed samples; a sample not closed (NaN) gives NaN."""
     first, last = rows
     for row in range(first, last):
         status[row] = NOT_FINITE
-        sound = load_state(star, room, samples, row)
-        if place_errors(star, room, samples, row, first) and sound:
-            _, residual = evaluate(star, room)
+        sound = load_state(star, work, samples, row)
+        if place_errors(star, work, samples, row, first) and sound:
+            _, residual = evaluate(star, work)
             exact = residual >= _SECOND_ORDER_ABOVE
             status[row] = SINGULAR
-            if factorise(star, room, exact, 0.0) and determined(room):
+            if factorise(star, work, exact, 0.0) and determined(work):
                 status[row] = CLOSED
         if status[row] == CLOSED:
-            transfer_one(star, room, columns, matrix[row], exact)
+            transfer_one(star, work, columns, matrix[row], exact)
         else:
             matrix[row, :, :] = math.nan
 
 
 @outermost
 def branch_samples(
-    star: Star, room: Room, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
+    star: Star, work: Workspace, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
     """Write the open branches' G (n, columns, 6) of samples of which only the joints count.
 
@@ -226,21 +226,21 @@ def branch_samples(
     """
     (first, last), (chains, count) = rows, star.revolute.shape
     for row in range(first, last):
-        sound = load_joints(star, room, samples.joints[row])
-        if not (place_errors(star, room, samples, row, first) and sound):
+        sound = load_joints(star, work, samples.joints[row])
+        if not (place_errors(star, work, samples, row, first) and sound):
             status[row] = NOT_FINITE
             matrix[row, :, :] = math.nan
             continue
         status[row] = CLOSED
         for i in range(chains):
-            r_a, offset, end = branch_end(star, room, i)
+            r_a, offset, end = branch_end(star, work, i)
             for k in range(count):
                 site = i * (count + 1) + k
-                write_branch_site(columns, site, matrix[row], 1.0, site_axes(room, i, k), arm_of(room, i, k, end))
+                write_branch_site(columns, site, matrix[row], 1.0, site_axes(work, i, k), arm_of(work, i, k, end))
             seat = i * (count + 1) + count
             write_branch_site(columns, seat, matrix[row], -1.0, transposed(r_a), scaled(-1.0, offset))
             for d in range(star.drives.shape[0]):
                 if star.drives[d, 0] == i and columns.drives[d] >= 0:
-                    linear, angular = joint_twist(star, room, i, star.drives[d, 1], end)
+                    linear, angular = joint_twist(star, work, i, star.drives[d, 1], end)
                     put(matrix[row, columns.drives[d]], 0, linear)
                     put(matrix[row, columns.drives[d]], 3, angular)
