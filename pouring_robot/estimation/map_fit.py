@@ -24,7 +24,7 @@ from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import FALSE_ALARMS, NoiseLevel, scatter
+from pouring_robot.estimation.noise import FALSE_ALARMS, NoiseLevel, noise_ratio
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
@@ -122,14 +122,14 @@ class Fit:
         """Return the sum of squared weighted residuals over their noise."""
         return float(np.square(self.left_over[0]).sum())
 
-    def scatter(self) -> float:
+    def noise_ratio(self) -> float:
         """Return the noise that the residuals show over the one assumed."""
-        return scatter(*self.left_over)
+        return noise_ratio(*self.left_over)
 
     @property
     def inflation(self) -> float:
         """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
-        larger = self.scatter()
+        larger = self.noise_ratio()
         if larger <= 1.0:  # as with nothing left over
             return 1.0
         chance = self.noise.lack_of_fit_p(self.chi_square(), self.freedoms(), float(self.shares.mean()))

@@ -1,7 +1,7 @@
 """The noise of what was measured: how large that of each kind is, and where the figure comes from.
 
 Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
-:meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`scatter`), fit by fit until both agree:
+:meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`noise_ratio`), again until both agree:
 in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
 :mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, of where they
 disagree ``diagnosis/where/dependence.py``. A fit, a whole search and a sum of processes cost and hand on other things,
@@ -87,13 +87,13 @@ class NoiseLevel:
     def from_left_over(
         self, kinds: Iterable[Kind], components: Indices, residual: FloatArray, freedom: FloatArray, fewest: float = 1.0
     ) -> NoiseLevel:
-        """Return it with that of some kinds taken from what a fit with it leaves over, as :func:`scatter` of theirs.
+        """Return it with that of some kinds taken from what a fit with it leaves over, by :func:`noise_ratio`.
 
         ``components`` is what each of the m equations is of, ``residual`` is over this noise.
         """
         chosen = {kind: are(kind, components) for kind in kinds}
         return self.times(
-            {kind: scatter(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
+            {kind: noise_ratio(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
         )
 
     def told_by(self, left: NoiseLevel, freedoms: Mapping[Kind, float], rate: float) -> NoiseLevel:
@@ -306,7 +306,7 @@ def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | No
     return found[0], found[1]
 
 
-def scatter(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> float:
+def noise_ratio(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> float:
     """Return the noise that residuals (m,) show over the one they are in units of; 1 with too few equations left over.
 
     ``freedom`` (m,) is what noise makes of the square of each on average, over its variance: n equations on which p

@@ -47,7 +47,7 @@ def test_warnings(found):
     told = [line for line in warnings_of(replace(found, flags=flags)) if line.startswith("found: ")]
     assert told == ["found: another_robot", "found: measurement_jump"]  # rows that are left out are named there
     fit = found.fit
-    larger = replace(fit.equations, residual=3.0 / fit.scatter() * fit.equations.residual)
+    larger = replace(fit.equations, residual=3.0 / fit.noise_ratio() * fit.equations.residual)
     large = replace(found, fit=replace(fit, equations=larger))
     assert any("3.00 times the noise: the model lacks an effect" in line for line in warnings_of(large))
     # Groups that few rows did not tell from chance may be what is left, too.
@@ -95,7 +95,7 @@ def test_what_to_measure_next(found, unchanged):
     assert not any("measured three times" in line for line in lines)
     assert any("measured three times" in line for line in next_measurements(unchanged))
     places = replace(found, campaign=replace(found.campaign, rotation_vector_rad=None))
-    larger = replace(found.fit.equations, residual=3.0 / found.fit.scatter() * found.fit.equations.residual)
+    larger = replace(found.fit.equations, residual=3.0 / found.fit.noise_ratio() * found.fit.equations.residual)
     large = replace(found, fit=replace(found.fit, equations=larger))
     for other, said in ((places, "only positions were measured"), (large, "run pouring-robot diagnose")):
         assert [any(said in line for line in next_measurements(one)) for one in (found, other)] == [False, True]

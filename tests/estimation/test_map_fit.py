@@ -82,8 +82,8 @@ def test_outliers_move_a_robust_fit_no_further_than_their_influence(drawing, los
     assert (shift < 2.0 * sound.std[FRAMES:]).all()
     assert (plain_shift > 10.0 * furthest).all()
     # Five slips of 400 times the noise in 480 equations: they count by their bounds, a part in a hundred each.
-    assert robust.scatter() == pytest.approx(1.0, abs=0.12)
-    assert plain.scatter() > 20.0
+    assert robust.noise_ratio() == pytest.approx(1.0, abs=0.12)
+    assert plain.noise_ratio() > 20.0
 
 
 def test_losses_agree_on_small_residuals(drawing):

@@ -16,10 +16,10 @@ from pouring_robot.estimation.noise import (
     Noise,
     NoiseLevel,
     noise_beforehand,
+    noise_ratio,
     p_value,
     repeat_noise,
     repeats,
-    scatter,
 )
 from pouring_robot.estimation.residuals import MeasuredPoses
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
@@ -185,10 +185,10 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
 
 def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise():
     """Nine tenths of an equation; and what unknowns take up whole, but for what adding up leaves, of either sign."""
-    assert scatter(np.full(3, 5.0), np.full(3, 0.3)) == 1.0
-    assert scatter(np.full(3, 5.0), np.full(3, 0.4)) == pytest.approx(np.sqrt(75.0 / 1.2))
+    assert noise_ratio(np.full(3, 5.0), np.full(3, 0.3)) == 1.0
+    assert noise_ratio(np.full(3, 5.0), np.full(3, 0.4)) == pytest.approx(np.sqrt(75.0 / 1.2))
     for left in (1e-16, -1e-16):
-        assert scatter(np.full(3, 1e-12), np.array([left, 0.0, 0.0]), fewest=0.0) < 1e-6
+        assert noise_ratio(np.full(3, 1e-12), np.array([left, 0.0, 0.0]), fewest=0.0) < 1e-6
 
 
 @pytest.mark.parametrize(("share", "count", "said"), [(0.45, 300, True), (0.55, 300, False), (0.45, 1, False)])

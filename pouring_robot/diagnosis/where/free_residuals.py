@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pouring_robot.estimation.kinds import are, kinds_of
-from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, p_value, scatter
+from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, noise_ratio, p_value
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.figures import two_digits
@@ -57,7 +57,7 @@ class FreeResiduals:
         factor, freedom = LEAST_NOISE / self.sigma, 1.0 - np.square(self.nuisance.axes).sum(axis=1)
         for kind in kinds_of(self.component):
             own = are(kind, self.component)
-            factor[own] = np.maximum(factor[own], scatter(left[own], freedom[own], fewest=0.0))
+            factor[own] = np.maximum(factor[own], noise_ratio(left[own], freedom[own], fewest=0.0))
         return replace(
             self,
             residual=self.residual / factor,
