@@ -241,7 +241,7 @@ class _Task:
         position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
         located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
         known = functools.partial(ladle_uncertainty, located=located, turned=turned)
-        told = unknowns, answer.fit.covariances, answer.fit.interval_freedoms
+        told = unknowns, answer.fit.covariances, answer.fit.interval_dof
         own_frames = [parameter.name for parameter in model.sessions]
         return (
             base_parameters(shown, model.names, lead=(*model.names[:FRAMES], *own_frames)),

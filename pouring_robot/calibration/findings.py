@@ -157,7 +157,7 @@ class Movement(Estimate):
     value: float
     std: float
     prior_std: float
-    freedoms: float = field(default=math.inf, kw_only=True)
+    dof: float = field(default=math.inf, kw_only=True)
 
     @property
     def surprise(self) -> float:
@@ -193,8 +193,8 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     for k, (group, parameter) in enumerate(names, start=FRAMES):
         unit, factor = shown_in(parameter.unit)
         value, error, prior_std = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
-        seen, freedoms = bool(fit.learnt[k] >= _SEEN), fit.interval_freedoms
-        lines.append(ParameterLine(parameter.name, unit, value, error, prior_std, group, seen, freedoms=freedoms))
+        seen, dof = bool(fit.learnt[k] >= _SEEN), fit.interval_dof
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior_std, group, seen, dof=dof))
     return lines
 
 
@@ -245,5 +245,5 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         std = float(largest_std(shares, fit.covariances))
         prior_std = float(np.linalg.norm(shares * fit.prior_std))
         sizes = (size / factor for size in (float(shares @ fit.unknowns.values), std, prior_std))
-        lines.append(Movement(combination_text(combination), unit, *sizes, freedoms=fit.interval_freedoms))
+        lines.append(Movement(combination_text(combination), unit, *sizes, dof=fit.interval_dof))
     return sorted(lines, key=lambda line: -line.surprise)

@@ -138,12 +138,12 @@ class LadleUncertainty:
     tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
     std_m: FloatArray  # of x, y and z in axes of the tracker, or of the base, shape (n, 3), in m
     located: bool  # whether the device saw where the target was, so that the axes are the tracker's
-    freedoms: float = math.inf  # degrees of freedom that tell the standard deviations
+    dof: float = math.inf  # degrees of freedom that tell the standard deviations
 
     @property
     def half_width_m(self) -> FloatArray:
         """Half the 95 % interval of the worst coordinate of each pose, shape (n,), in m."""
-        return np.asarray(deviations95(self.freedoms) * self.std_m.max(axis=1))
+        return np.asarray(deviations95(self.dof) * self.std_m.max(axis=1))
 
 
 def workspace_rows(model: MeasurementModel) -> ModelledRows:
@@ -155,7 +155,7 @@ def ladle_uncertainty(
     rows: ModelledRows,
     unknowns: Unknowns,
     covariances: Sequence[FloatArray],
-    freedoms: float = math.inf,
+    dof: float = math.inf,
     *,
     located: bool,
     turned: bool,
@@ -181,4 +181,4 @@ def ladle_uncertainty(
         lip[:, :, :FRAMES] = 0.0
         lip = axes.T @ lip
     tilt = tilts_alone(rows.start.rotation[closed])
-    return LadleUncertainty(rows.start.position[closed], tilt, largest_std(lip, covariances), located, freedoms)
+    return LadleUncertainty(rows.start.position[closed], tilt, largest_std(lip, covariances), located, dof)

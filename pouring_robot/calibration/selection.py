@@ -90,8 +90,8 @@ def chance_margin(values: FloatArray, standard_errors: float) -> float:
 
     As seldom more than that as a normal value by so many, though so few values tell the error (Student's t).
     """
-    freedoms = int(np.isfinite(values).sum()) - 1
-    return student(standard_errors, freedoms) * mean_and_error(values)[1] if freedoms >= 0 else 0.0
+    dof = int(np.isfinite(values).sum()) - 1
+    return student(standard_errors, dof) * mean_and_error(values)[1] if dof >= 0 else 0.0
 
 
 def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:

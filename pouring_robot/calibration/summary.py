@@ -237,7 +237,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             "second_derivative_evaluations": fit.second_evaluations,
             "converged": fit.converged,
             "chi_square": fit.chi_square(),
-            "freedom": fit.freedoms(),
+            "freedom": fit.dof(),
             "inflation": calibration.inflation,
         },
         "data_flags": [flag.figures(calibration.campaign) for flag in calibration.flags],
@@ -271,7 +271,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     ladle = calibration.ladle
     if not len(ladle.position_m):
         return {"poses": 0}
-    half, noise = ladle.half_width_m / MM, deviations95(ladle.freedoms) * calibration.noise.length_m / MM
+    half, noise = ladle.half_width_m / MM, deviations95(ladle.dof) * calibration.noise.length_m / MM
     measured = float(np.median(calibration.ladle_measured.half_width_m)) / MM
     worst = int(np.argmax(half))
     pose = dict(zip(("x_mm", "y_mm", "z_mm"), (ladle.position_m[worst] / MM).tolist(), strict=True))

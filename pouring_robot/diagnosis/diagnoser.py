@@ -229,7 +229,7 @@ class Diagnoser:
         for key, units in self.units(hypothesis).items():
             std = largest_std(units, covariances or (own,))
             values = zip(self.library.every_form[key].parameters, (units @ mean).tolist(), std.tolist(), strict=True)
-            found.append((key, tuple(FoundParameter(*each, self.rows.noise.freedoms) for each in values)))
+            found.append((key, tuple(FoundParameter(*each, self.rows.noise.dof) for each in values)))
         return found
 
     def units(self, hypothesis: Hypothesis) -> dict[tuple[str, str], FloatArray]:
@@ -263,7 +263,7 @@ class Diagnoser:
         )
         means, unheld = hypothesis.coefficients()[0], np.zeros(free.dof)
         precision = np.concatenate([unheld + _FREE, np.ones_like(means)])
-        found = jackknife_covariance(parts, np.concatenate([unheld, means]), precision, self.rows.noise.freedoms)
+        found = jackknife_covariance(parts, np.concatenate([unheld, means]), precision, self.rows.noise.dof)
         return found[free.dof :, free.dof :]
 
     def named(self, found: FoundByKey, hypothesis: Hypothesis, judgement: Judgement) -> tuple[NamedEffect, ...]:

@@ -15,7 +15,7 @@ class FoundParameter(Estimate):
     parameter: EffectParameter  # what it changes
     value: float  # in its unit
     std: float  # standard deviation, in its unit
-    freedoms: float = math.inf  # degrees of freedom that tell it
+    dof: float = math.inf  # degrees of freedom that tell it
 
 
 FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]  # parameters by effect and form

@@ -79,9 +79,9 @@ class Searched:
     def noise_told(self) -> NoiseLevel:
         """The noise as all that is left over tells it, where nothing better does."""
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
-        freedoms = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
+        dof = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
         left = noise_left(noise, self.after, self.hypothesis)
-        return self.asked.diagnoser.rows.noise.told_by(left, freedoms, self.diagnoser.asked.false_names)
+        return self.asked.diagnoser.rows.noise.told_by(left, dof, self.diagnoser.asked.false_names)
 
     def _noise_beside_unknown(self) -> NoiseLevel:
         """Return the same less what something unknown makes of it, of each kind of which that is clear.

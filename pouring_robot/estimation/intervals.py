@@ -18,19 +18,19 @@ from pouring_robot.mechanism.arrays import FloatArray
 Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
 
 
-def student(deviations: float, freedoms: float) -> float:
+def student(deviations: float, dof: float) -> float:
     """Return what Student's t of so many degrees of freedom exceeds as seldom as a normal value exceeds deviations.
 
     Without any degree of freedom nothing is known of a standard deviation: infinite.
     """
-    if math.isinf(freedoms):
+    if math.isinf(dof):
         return deviations
-    return float(stdtrit(freedoms, ndtr(deviations))) if freedoms > 0.0 else math.inf
+    return float(stdtrit(dof, ndtr(deviations))) if dof > 0.0 else math.inf
 
 
-def deviations95(freedoms: float) -> float:
+def deviations95(dof: float) -> float:
     """Return half the 95 % interval in standard deviations that so many degrees of freedom tell: Student's t."""
-    return student(Z95, freedoms)
+    return student(Z95, dof)
 
 
 def largest_std(directions: FloatArray, covariances: Iterable[FloatArray]) -> FloatArray:
@@ -48,12 +48,12 @@ class Estimate:
 
     value: float
     std: float
-    freedoms: float  # degrees of freedom that tell the standard deviation; infinite where it is known
+    dof: float  # degrees of freedom that tell the standard deviation; infinite where it is known
 
     @property
     def half_width(self) -> float:
         """Half of the 95 % interval."""
-        return deviations95(self.freedoms) * self.std
+        return deviations95(self.dof) * self.std
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -66,8 +66,8 @@ class Estimate:
         return abs(self.value) > self.half_width
 
 
-def value_and_half_width(value: float, std: float, freedoms: float) -> tuple[str, str]:
-    """Return a value and its 95 % half width as text, two digits of the latter; ``freedoms`` tell the std."""
-    half = deviations95(freedoms) * std
+def value_and_half_width(value: float, std: float, dof: float) -> tuple[str, str]:
+    """Return a value and its 95 % half width as text, two digits of the latter; ``dof`` tell the std."""
+    half = deviations95(dof) * std
     digits = two_digits(half)
     return f"{value:+z.{digits}f}", f"{half:.{digits}f}"

@@ -22,7 +22,7 @@ def jackknife_covariance(
     blocks: Iterable[tuple[FloatArray, FloatArray]],
     place: FloatArray,
     precision: FloatArray | float = 1.0,
-    freedoms: float = math.inf,
+    dof: float = math.inf,
 ) -> FloatArray:
     """Return the covariance of an answer at ``place``, (k,), by how far blocks of equations scatter it, (k, k).
 
@@ -30,7 +30,7 @@ def jackknife_covariance(
     one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and the
     inverse of ``precision``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before,
     so that of the normal matrix A it is A^-1 (M + precision) A^-1, M of the gradient of the data. What blocks scatter
-    counts as much more as Student's t of so few is wider than that of ``freedoms``, for intervals that are made
+    counts as much more as Student's t of so few is wider than that of ``dof``, for intervals that are made
     with these; one block alone tells of the priors only.
     """
     inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
@@ -40,6 +40,6 @@ def jackknife_covariance(
         moved.append(-scipy.linalg.solve(held + told, held @ place + pulled, assume_a="pos"))
     apart = np.array(moved) - np.mean(moved, axis=0)
     # One block alone scatters nothing, and of how many deviations that makes an interval nothing is known.
-    wider = deviations95(len(moved) - 1.0) / deviations95(freedoms) if len(moved) > 1 else 0.0
+    wider = deviations95(len(moved) - 1.0) / deviations95(dof) if len(moved) > 1 else 0.0
     by_priors = scipy.linalg.solve(held + sum(inner), np.sqrt(held), assume_a="pos")
     return np.asarray(wider**2 * (len(moved) - 1) / len(moved) * apart.T @ apart + by_priors @ by_priors.T)

@@ -114,7 +114,7 @@ class Fit:
         """Weighted residuals over their noise, (m,), and of each how much is left for the noise, (m,)."""
         return self.weights * self.equations.residual, self.shares - self.leverage
 
-    def freedoms(self) -> float:
+    def dof(self) -> float:
         """Return the equations left over for the noise."""
         return float(self.left_over[1].sum())
 
@@ -132,13 +132,13 @@ class Fit:
         larger = self.noise_ratio()
         if larger <= 1.0:  # as with nothing left over
             return 1.0
-        chance = self.noise.lack_of_fit_p(self.chi_square(), self.freedoms(), float(self.shares.mean()))
+        chance = self.noise.lack_of_fit_p(self.chi_square(), self.dof(), float(self.shares.mean()))
         return larger if chance < FALSE_ALARMS else 1.0
 
     @property
-    def interval_freedoms(self) -> float:
+    def interval_dof(self) -> float:
         """Degrees of freedom that tell the standard deviations: those of the noise, unless residuals enlarge them."""
-        return self.noise.freedoms if self.inflation == 1.0 else math.inf
+        return self.noise.dof if self.inflation == 1.0 else math.inf
 
     @property
     def inflated_covariance(self) -> FloatArray:
@@ -156,7 +156,7 @@ class Fit:
         rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
         blocks = [own for stretch in self.stretches if (own := np.isin(equations.rows, stretch)).any()]
         parts, place = ((rows[block], left[block]) for block in blocks), self.unknowns.values / self.prior_std
-        return np.asarray(self._scale * jackknife_covariance(parts, place, freedoms=self.interval_freedoms))
+        return np.asarray(self._scale * jackknife_covariance(parts, place, dof=self.interval_dof))
 
     @functools.cached_property
     def covariances(self) -> tuple[FloatArray, ...]:

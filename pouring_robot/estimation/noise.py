@@ -36,8 +36,8 @@ device that robots are measured with reads better."""
 FALSE_ALARMS = 1e-3  # share of sound campaigns and robots that chance may accuse
 LEAST_FACTOR = 2.0
 """By which a noise that is stated may be off: a data sheet's figure is not better known."""
-_FEWEST_FREEDOMS = 12
-_ROUND_OFF = 1e-9  # freedoms: fewer are what adding up leaves of none, of either sign
+_FEWEST_DOF = 12
+_ROUND_OFF = 1e-9  # degrees of freedom: fewer are what adding up leaves of none, of either sign
 _SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
 _SAME_LOAD = 0.01
 """Of the largest: a load that is weighed is never twice the same, and what a hundredth of it does is less than noise
@@ -50,7 +50,7 @@ class Noise:
 
     sigma: float = 1e-3  # standard deviation of a component, in m or rad
     source: Source = "none"  # where the figure comes from; ``none``: nothing of the kind was measured
-    freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.freedoms`
+    dof: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.dof`
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ class NoiseLevel:
             {kind: noise_ratio(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
         )
 
-    def told_by(self, left: NoiseLevel, freedoms: Mapping[Kind, float], rate: float) -> NoiseLevel:
-        """Return it with what a fit leaves over, of so many freedoms a kind, where nothing better tells the noise.
+    def told_by(self, left: NoiseLevel, dof: Mapping[Kind, float], rate: float) -> NoiseLevel:
+        """Return it with what a fit leaves over, of so many degrees of freedom a kind, where nothing better tells it.
 
         That is where nothing is said, or where few repeats say as much: what is left beyond them (lack of fit, F) is no
         more than chance makes in that rate of campaigns. The repeats, which are among the rows, are then outnumbered.
@@ -107,22 +107,22 @@ class NoiseLevel:
             sigma = left[kind].sigma
             if noise.source == "residuals":
                 found[kind] = replace(noise, sigma=sigma)
-            elif noise.source == "repeats" and freedoms[kind] > noise.freedoms:
-                squares = freedoms[kind] * (sigma / noise.sigma) ** 2
-                if NoiseLevel({kind: noise}).lack_of_fit_p(squares, freedoms[kind]) > rate:
-                    found[kind] = replace(noise, sigma=sigma, freedoms=freedoms[kind])
+            elif noise.source == "repeats" and dof[kind] > noise.dof:
+                squares = dof[kind] * (sigma / noise.sigma) ** 2
+                if NoiseLevel({kind: noise}).lack_of_fit_p(squares, dof[kind]) > rate:
+                    found[kind] = replace(noise, sigma=sigma, dof=dof[kind])
         return NoiseLevel(found)
 
-    def lack_of_fit_p(self, squares: float, freedoms: float, share: float = 1.0) -> float:
-        """Return the probability that noise alone leaves so large a sum of squares, over it, of so many freedoms.
+    def lack_of_fit_p(self, squares: float, dof: float, share: float = 1.0) -> float:
+        """Return the probability that noise alone leaves such a sum of squares, over it, of so many degrees of freedom.
 
         Repeats that tell it are among what is left, and apart from each other by just as much: what is left beyond them
         is asked (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2). ``share`` is what a robust
         loss leaves on average of the square of each.
         """
-        repeated = share * sum(noise.freedoms for noise in self.kinds.values() if math.isfinite(noise.freedoms))
-        beyond = freedoms - repeated
-        return p_value(max(squares - repeated, 0.0), beyond, self.freedoms) if beyond >= 1.0 else 1.0
+        repeated = share * sum(noise.dof for noise in self.kinds.values() if math.isfinite(noise.dof))
+        beyond = dof - repeated
+        return p_value(max(squares - repeated, 0.0), beyond, self.dof) if beyond >= 1.0 else 1.0
 
     def apart(self, other: NoiseLevel) -> float:
         """Return by which share of the other's its sizes differ at most."""
@@ -158,8 +158,8 @@ class NoiseLevel:
         """
         left, found = self.from_left_over(self.measured, components, residual, freedom), []
         for kind in self.measured:
-            freedoms, times = float(freedom[are(kind, components)].sum()), self[kind].sigma / left[kind].sigma
-            chance = float(scipy.special.chdtr(max(freedoms, 0.0), freedoms / times**2))
+            dof, times = float(freedom[are(kind, components)].sum()), self[kind].sigma / left[kind].sigma
+            chance = float(scipy.special.chdtr(max(dof, 0.0), dof / times**2))
             if self[kind].source == "stated" and times > LEAST_FACTOR and chance < FALSE_ALARMS:
                 (unit, si), each = unit_of(kind), "coordinate" if kind == "position" else kind
                 found.append(
@@ -211,13 +211,13 @@ class NoiseLevel:
         return np.repeat([self.position_m, self.rotation_rad] if self.turned else [self.position_m], 3)
 
     @property
-    def freedoms(self) -> float:
+    def dof(self) -> float:
         """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.
 
         A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
-        follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
+        follows n F(n, k), not chi-square(n). With fewer than about 100 of them chi-square takes chance for a gap.
         """
-        return min((noise.freedoms for noise in self.kinds.values()), default=float("inf"))
+        return min((noise.dof for noise in self.kinds.values()), default=float("inf"))
 
     @property
     def from_residuals(self) -> bool:
@@ -284,24 +284,24 @@ def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
 
 
 def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:
-    """Return the scatter of repeats about their means, of positions and of rotations; None with under 12 freedoms."""
-    sums, freedoms = np.zeros(2), np.zeros(2)
+    """Return the scatter of repeats about their means, of places and of rotations; None under 12 degrees of freedom."""
+    sums, dof = np.zeros(2), np.zeros(2)
     for rows in groups:
         for column in measured.position_m[rows].T:
             values = column[np.isfinite(column)]
             if values.size > 1:
                 sums[0] += float(((values - values.mean()) ** 2).sum())
-                freedoms[0] += values.size - 1
+                dof[0] += values.size - 1
         turned = measured.rotation[rows][np.isfinite(measured.rotation[rows]).all(axis=(1, 2))]
         if len(turned) > 1:
             stack = Rotation.from_matrix(turned)
             sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
-            freedoms[1] += 3 * (len(turned) - 1)
+            dof[1] += 3 * (len(turned) - 1)
     found = [
         Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
-        if freedom >= _FEWEST_FREEDOMS and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
+        if freedom >= _FEWEST_DOF and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
         else None
-        for total, freedom in zip(sums, freedoms, strict=True)
+        for total, freedom in zip(sums, dof, strict=True)
     ]
     return found[0], found[1]
 
@@ -317,14 +317,14 @@ def noise_ratio(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) 
     return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
 
 
-def p_value(squares: float, freedoms: float, noise_freedoms: float) -> float:
-    """Return the probability that noise alone makes so large a sum of squares over its variance, of so many freedoms.
+def p_value(squares: float, dof: float, noise_dof: float) -> float:
+    """Return the probability that noise alone makes such a sum of squares over its variance, by its degrees of freedom.
 
-    ``noise_freedoms`` as of :attr:`NoiseLevel.freedoms`.
+    ``noise_dof`` as of :attr:`NoiseLevel.dof`.
     """
-    if np.isinf(noise_freedoms):
-        return float(scipy.special.chdtrc(freedoms, squares))
-    return float(scipy.special.fdtrc(freedoms, noise_freedoms, squares / freedoms))
+    if np.isinf(noise_dof):
+        return float(scipy.special.chdtrc(dof, squares))
+    return float(scipy.special.fdtrc(dof, noise_dof, squares / dof))
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:

@@ -45,7 +45,7 @@ def tukey_weights(sizes: FloatArray) -> FloatArray:
 
 
 def _quantiles(share: float, counts: Indices) -> FloatArray:
-    """Return what chi-square of so many freedoms, (n,), stays below with a probability, (n,); 1 in place of none."""
+    """Return what chi-square of degrees of freedom (n,) stays below with a probability, (n,); 1 in place of none."""
     # Of scipy.special: importing scipy.stats takes longer than many a calibration.
     return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in _sizes(counts))])[counts]
 

@@ -222,7 +222,7 @@ def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
     apart = np.pad(0.6 * SIGMA_M * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / np.sqrt(2.5), (0, 59))
     few = damaged(campaign, metadata=metadata, position_m=lambda p: p + apart[:, None])
     found = calibrate(few, None, CalibrationOptions(parameters=("drives",), choose=False))
-    assert found.noise.freedoms == 12 and found.noise.position_m == pytest.approx(0.6 * SIGMA_M)
+    assert found.noise.dof == 12 and found.noise.position_m == pytest.approx(0.6 * SIGMA_M)
     assert found.fit.noise_ratio() > 1.4
     assert found.inflation == 1.0
     drifting = damaged(few, position_m=lambda p: p + 1e-3 * np.sin(np.arange(-4, 60).clip(0) / 3.0)[:, None])

@@ -18,7 +18,7 @@ def test_parameters_come_in_the_units_of_the_shop_floor(found):
         assert line.unit == ("mm" if found.unknown_units[k] == "m" else "mrad")
         assert line.value == pytest.approx(1e3 * found.fit.unknowns.values[k])
         assert line.std == pytest.approx(1e3 * found.std[k])
-        assert line.freedoms == found.ladle.freedoms == found.noise.freedoms < 1e3
+        assert line.dof == found.ladle.dof == found.noise.dof < 1e3
 
 
 def test_verdicts():

@@ -53,7 +53,7 @@ def test_what_is_learned_is_what_the_machine_does(core):
 
 
 def test_its_band_is_as_wide_as_what_tells_the_table(core, monkeypatch):
-    """Twice what covariances of a fourth say; drawn by Student's t, 2.57 deviations of five freedoms."""
+    """Twice what covariances of a fourth say; drawn by Student's t, 2.57 deviations of five degrees of freedom."""
     found = core[1]
     (effect,) = found.firm
     own = found.hypothesis.coefficients()[1]

@@ -468,10 +468,10 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
     stated = _free_residuals(hot.diagnoser.at_rest(), hot.rows)
-    assert stated.noise.freedoms == np.inf
-    noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", freedoms=30.0)})
+    assert stated.noise.dof == np.inf
+    noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", dof=30.0)})
     repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
-    assert repeated.noise.freedoms == 30.0
+    assert repeated.noise.dof == 30.0
     squares, count = 1.4 * 300.0, 300.0
     assert repeated.p_value(squares, count) > 10.0 * stated.p_value(squares, count)
 

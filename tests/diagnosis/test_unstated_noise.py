@@ -35,9 +35,9 @@ def test_what_few_repeats_say_too_small_by_chance_is_no_gap(drawing, gap_m, verd
     assert (found.verdict, found.effects) == (verdict, ())
     if verdict == "no_gap":
         assert found.noise.position_m == pytest.approx(SIGMA_M, rel=0.1)
-        assert found.noise.freedoms > 100.0
+        assert found.noise.dof > 100.0
     else:
-        assert found.noise.freedoms == 12.0
+        assert found.noise.dof == 12.0
         assert "in place of what repeats tell, 0.03 mm" in found.headline
 
 
@@ -79,7 +79,7 @@ def test_a_wave_in_time_is_no_noise(drawing):
 
 
 def test_of_each_kind_what_was_spent_on_it_is_taken_off():
-    """Frames take nine of thirty freedoms of ten places, and none of what redundant drives disagree by."""
+    """Frames take nine of thirty degrees of freedom of ten places, and none of what redundant drives disagree by."""
     rng, component = np.random.default_rng(3), np.repeat([0, 1, 2, 7], 10)
     frames = np.vstack([rng.normal(size=(30, 9)), np.zeros((10, 9))])
     after = SimpleNamespace(fitted_rows=SimpleNamespace(component=component))
@@ -95,7 +95,7 @@ def test_of_each_kind_what_was_spent_on_it_is_taken_off():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left(seed):
-    """Three distances from a point that nobody knows: whatever the sign of the round-off that their freedoms are."""
+    """Three distances from a point that nobody knows: whatever the sign of the round-off that is left of them."""
     rng, component = np.random.default_rng(seed), np.repeat([0, 1, 2, 6], [20, 20, 20, 3])
     frames = np.zeros((63, 9))
     frames[:60, :6], frames[60:, 6:] = rng.normal(size=(60, 6)), rng.normal(size=(3, 3))

@@ -137,9 +137,9 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     assert components == ["y"]
 
 
-@pytest.mark.parametrize(("freedoms", "halves"), [(np.inf, ("0.020", "0.039")), (12.0, ("0.022", "0.044"))])
-def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch, freedoms, halves):
-    """1.96 standard deviations, as wherever there is a ±; 2.18, Student's t, by a noise that 12 freedoms tell."""
+@pytest.mark.parametrize(("dof", "halves"), [(np.inf, ("0.020", "0.039")), (12.0, ("0.022", "0.044"))])
+def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch, dof, halves):
+    """1.96 standard deviations, as wherever there is a ±; 2.18, Student's t, by twelve degrees of freedom."""
     summed = Discrepancy.sum
 
     def known(*asked):
@@ -155,7 +155,7 @@ def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch, free
     given = scene(rng)
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
     error = moved(given, 1, 5e-4 * load) + moved(given, 2, 4e-4 * load)
-    noise = NoiseLevel({"position": Noise(SIGMA_M, "repeats", freedoms)})
+    noise = NoiseLevel({"position": Noise(SIGMA_M, "repeats", dof)})
     where = disagreements(dataclasses.replace(seen(rng, given, error), noise=noise), given, 0.01)
     (sentence,) = [f.sentence for f in where.findings if f.what == "condition"]
     assert f": y by 0.400 ± {halves[0]} mm and z by 0.300 ± {halves[1]} mm (rms, 95 %)" in sentence
@@ -374,10 +374,10 @@ def test_noise_from_few_repeats_is_trusted_less():
     given = scene(rng)
     data = seen(rng, given)
     data = dataclasses.replace(data, residual=1.3 * data.residual)
-    freedoms = data.residual.size - data.nuisance.dof
-    stated = overall(data, freedoms).p_value
+    dof = data.residual.size - data.nuisance.dof
+    stated = overall(data, dof).p_value
     estimated = overall(
-        dataclasses.replace(data, noise=NoiseLevel({"position": Noise(SIGMA_M, "repeats", 12.0)})), freedoms
+        dataclasses.replace(data, noise=NoiseLevel({"position": Noise(SIGMA_M, "repeats", 12.0)})), dof
     ).p_value
     assert stated < 1e-6
     assert estimated > 0.05

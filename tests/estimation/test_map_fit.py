@@ -36,14 +36,14 @@ def test_drive_offsets_come_back_within_their_intervals(drawing):
     error = (fit.unknowns.parameters - virtual.truth) / fit.std[FRAMES:]
     assert np.abs(error).max() < 4.0
     assert fit.learnt[FRAMES:].min() > 0.999
-    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.25)
+    assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.parametrize("wanted", ["geometry", "dh"])
 def test_residuals_come_down_to_the_noise(drawing, wanted):
     virtual = Virtual(drawing, model_of(drawing, wanted), 120, seed=3)
     fit = fitted(virtual)
-    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.2)
+    assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.2)
     assert virtual.rows.predict(fit.unknowns).closed.all()
 
 
@@ -58,7 +58,7 @@ def test_positions_alone_suffice(drawing):
     virtual = Virtual(drawing, model_of(drawing, "centres"), 80)
     blind = MeasuredPoses(virtual.measured.position_m, np.full((80, 3, 3), np.nan), SIGMA, 1.0)
     fit = fitted(virtual, measured=blind)
-    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.3)
+    assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.3)
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
@@ -134,7 +134,7 @@ def test_rows_that_do_not_close_are_left_out_and_named(drawing):
     start = first_frames(rows, virtual.measured)
     fit = identify(rows, virtual.measured, start, virtual.prior)
     assert fit.equations.failed.tolist() == [3, 9]
-    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.4)
+    assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.4)
 
 
 def test_a_search_cut_short_is_no_answer(drawing):

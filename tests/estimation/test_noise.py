@@ -66,7 +66,7 @@ def test_noise_from_repeats(repeated):
     assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
     assert noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
     assert not noise.from_residuals
-    assert noise["position"].freedoms == noise["rotation"].freedoms == noise.freedoms == 60
+    assert noise["position"].dof == noise["rotation"].dof == noise.dof == 60
 
 
 def test_repeat_noise_by_hand():
@@ -75,16 +75,16 @@ def test_repeat_noise_by_hand():
     measured = MeasuredPoses(position, np.full((13, 3, 3), np.nan), 1.0, 1.0)
     found, turned = repeat_noise(measured, [np.arange(13)])
     expected = np.sqrt(((position[:, 0] - position[:, 0].mean()) ** 2).sum() / 36)
-    assert (found.sigma, found.freedoms) == (pytest.approx(expected), 36)
+    assert (found.sigma, found.dof) == (pytest.approx(expected), 36)
     assert turned is None
     assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
 
 
-@pytest.mark.parametrize("noise_freedoms", [12.0, 60.0, np.inf])
-def test_chance_is_as_often_as_it_says(noise_freedoms):
-    random, known = np.random.default_rng(3), np.isfinite(noise_freedoms)
-    variance = random.chisquare(noise_freedoms if known else 1.0, 4000) / noise_freedoms if known else np.ones(4000)
-    chances = [p_value(squares, 150.0, noise_freedoms) for squares in random.chisquare(150, 4000) / variance]
+@pytest.mark.parametrize("noise_dof", [12.0, 60.0, np.inf])
+def test_chance_is_as_often_as_it_says(noise_dof):
+    random, known = np.random.default_rng(3), np.isfinite(noise_dof)
+    variance = random.chisquare(noise_dof if known else 1.0, 4000) / noise_dof if known else np.ones(4000)
+    chances = [p_value(squares, 150.0, noise_dof) for squares in random.chisquare(150, 4000) / variance]
     assert kstest(chances, "uniform").pvalue > 1e-3
 
 
@@ -112,14 +112,14 @@ def test_repeats_count_by_as_much_as_a_robust_loss_leaves_of_all():
 
 
 def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
-    """Of sound campaigns: repeats with 12 freedoms among 150 equations, chi-square both."""
+    """Of sound campaigns: repeats with 12 degrees of freedom among 150 equations, chi-square both."""
     random, told, left = np.random.default_rng(5), [], []
     for _ in range(4000):
         pure, lack = random.chisquare(12.0), random.chisquare(138.0)
         few = NoiseLevel({"position": Noise(float(np.sqrt(pure / 12.0)), "repeats", 12.0)})
         rest = NoiseLevel({"position": Noise(float(np.sqrt((pure + lack) / 150.0)))})
         found = few.told_by(rest, {"position": 150.0}, 0.05)["position"]
-        told.append(found.freedoms == 150.0)
+        told.append(found.dof == 150.0)
         left.append(found.sigma if told[-1] else 1.0)
     assert binomtest(sum(told), len(told), 0.95).pvalue > 1e-3
     assert np.std(left) == pytest.approx(1.0 / np.sqrt(2.0 * 150.0), rel=0.1)
@@ -131,9 +131,7 @@ def test_intervals_hold_as_often_as_they_say_where_readings_of_one_pose_tell_the
     for _ in range(4000):
         seen = MeasuredPoses(random.normal(size=(readings, 3)), np.full((readings, 3, 3), np.nan), 1.0, 1.0)
         noise = repeat_noise(seen, [np.arange(readings)])[0]
-        held.append(
-            not Movement("x", "mm", 0.2 * random.normal(), 0.2 * noise.sigma, 1.0, freedoms=noise.freedoms).moved
-        )
+        held.append(not Movement("x", "mm", 0.2 * random.normal(), 0.2 * noise.sigma, 1.0, dof=noise.dof).moved)
     assert binomtest(sum(held), len(held), 0.95).pvalue > 1e-3  # by normal deviations 92.7 and 94.1 %
 
 
@@ -146,7 +144,7 @@ def test_exact_repeats_do_not_tell_the_noise():
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
     stated = noise_beforehand(clean.campaign, np.arange(60))
     assert (stated.position_m, stated["position"].source) == (SIGMA_M, "stated")
-    assert stated.freedoms == np.inf
+    assert stated.dof == np.inf
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
     assert noise_beforehand(blank, np.arange(60)).from_residuals
@@ -180,7 +178,7 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     fit = identify(virtual.rows, virtual.measured.with_noise(noise), start, virtual.prior)
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
     assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)
-    assert fit.chi_square() / fit.freedoms() == pytest.approx(1.0, abs=0.05)
+    assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.05)
 
 
 def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise():

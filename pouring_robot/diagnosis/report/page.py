@@ -85,7 +85,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     rows = [
         (
             plain(name),
-            *value_and_half_width(found.value, found.std, found.freedoms),
+            *value_and_half_width(found.value, found.std, found.dof),
             found.parameter.unit,
             ", ".join(
                 word

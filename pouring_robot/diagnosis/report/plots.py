@@ -170,7 +170,7 @@ def _signatures(diagnosis: Conclusions) -> str:
         axes.axhline(0.0, color="black", linewidth=0.5)
         axes.set(xlabel=axis.label, ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]")
         if shape is not None:
-            _shape_panel(sides[1], shape, deviations95(diagnosis.noise.freedoms))
+            _shape_panel(sides[1], shape, deviations95(diagnosis.noise.dof))
         panel.suptitle(textwrap.fill(f"{name}: {effect.story}", _TITLE_LETTERS), fontsize=9)
         for side in sides:
             if np.unique(axis.values).size <= _FEW_VALUES:

@@ -73,7 +73,7 @@ def scatter_text(diagnosis: Conclusions) -> str:
     if left is None:
         return ""
     noise = diagnosis.noise
-    source = "the stated" if np.isinf(noise.freedoms) else "what repeats tell,"
+    source = "the stated" if np.isinf(noise.dof) else "what repeats tell,"
     return f"what is left scatters from row to row, like a noise of {left.words} in place of {source} {noise.words}"
 
 
@@ -209,7 +209,7 @@ def _beyond_nature(
     bounded = [(name, p) for name, p in every if np.isfinite(p.parameter.bounds).any()]
     rate, beyond = diagnosis.diagnoser.thresholds.false_names / len(bounded), []
     for name, found in bounded:
-        slack = -float(stdtrit(found.freedoms, rate)) * found.std
+        slack = -float(stdtrit(found.dof, rate)) * found.std
         low, high = found.parameter.bounds
         beyond += [plain(name)] * (not low - slack <= found.value <= high + slack)
     if beyond:
@@ -235,7 +235,7 @@ def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
 
 def parameter_text(name: str, found: FoundParameter) -> str:
     """Return a parameter with its 95 % half width and unit."""
-    value, half = value_and_half_width(found.value, found.std, found.freedoms)
+    value, half = value_and_half_width(found.value, found.std, found.dof)
     return f"{plain(name)} {value} ± {half} {found.parameter.unit}"
 
 

@@ -63,14 +63,14 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
         others = [item for item in found if item is not together[0]]
         rivals = [by for by in discrepancy.rivals(together[0], others) if by not in (CHANCE, together[0].process.by)]
         bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
-        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, data.noise.freedoms)
+        finding = _finding(together, given, tuple(dict.fromkeys(rivals)), bounds, data.noise.dof)
         p_value = float(min(len(processes) * np.exp(-together[0].evidence), 1.0))
         findings.append(replace(finding, p_value=p_value, share=float(part @ part) / total))
     return sorted(findings, key=lambda finding: -finding.share), settled
 
 
 def _finding(
-    together: list[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], freedoms: float
+    together: list[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], dof: float
 ) -> Finding:
     """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
     main = together[0]
@@ -79,7 +79,7 @@ def _finding(
         if item.size >= _MINOR * main.size:
             size, turning = _size(item)
             unit, si = shown_in("rad" if turning else "m")
-            value, half = value_and_half_width(size / si, rms(item.std) / si, freedoms)
+            value, half = value_and_half_width(size / si, rms(item.std) / si, dof)
             texts.append(f"{item.process.where} by {value.removeprefix('+')} ± {half} {unit}")
     text = f"{_opening(main, given)}: {_listed(texts)} (rms, 95 %)"
     if rivals:

@@ -40,9 +40,9 @@ class FreeResiduals:
         """The residual without what the frames explain, (m,)."""
         return self.nuisance.cleared(self.residual)
 
-    def p_value(self, squares: float, freedoms: float) -> float:
+    def p_value(self, squares: float, dof: float) -> float:
         """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
-        return p_value(squares, freedoms, self.noise.freedoms)
+        return p_value(squares, dof, self.noise.dof)
 
     @cached_property
     def turning(self) -> BoolArray:

@@ -20,14 +20,14 @@ _HEIGHTS = ("low", "at middle height", "high")
 _TILTS = ("tilted back", "half tilted", "tilted far forward")
 
 
-def overall(data: FreeResiduals, freedoms: int) -> Finding:
+def overall(data: FreeResiduals, dof: int) -> Finding:
     """Return the misfit of everything against the noise, of so many degrees of freedom."""
     total = float(data.cleared @ data.cleared)
-    p_value = data.noise.lack_of_fit_p(total, freedoms) if data.noise_known else None
+    p_value = data.noise.lack_of_fit_p(total, dof) if data.noise_known else None
     apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before turns
     parts = [(rms(apart[data.turning == turning]), turning) for turning in kinds]
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
-    times = f": {np.sqrt(total / freedoms):.1f} times the noise" if data.noise_known else ""
+    times = f": {np.sqrt(total / dof):.1f} times the noise" if data.noise_known else ""
     size, turning = parts[0]
     return Finding("lack of fit", f"Model and measurement disagree by {sizes}{times}.", size, p_value, turning=turning)
 
@@ -85,11 +85,11 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
     means = np.bincount(group, data.cleared) / counts
     repeated = np.flatnonzero(counts[group] > 1)
     group, apart = group[repeated], (data.cleared - means[group])[repeated]
-    freedoms = group.size - np.unique(group).size
+    dof = group.size - np.unique(group).size
     chosen = ~data.turning[repeated]
-    if freedoms < 3 or not chosen.any() or not data.noise_known:
+    if dof < 3 or not chosen.any() or not data.noise_known:
         return []
-    p_value = data.p_value(float(apart @ apart), freedoms)
+    p_value = data.p_value(float(apart @ apart), dof)
     spare = int(chosen.sum()) - np.unique(group[chosen]).size
     size = float(np.sqrt(((apart * data.sigma[repeated])[chosen] ** 2).sum() / spare))
     sentence = (

@@ -57,16 +57,16 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
         BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
     """
     n, m = len(conditions), data.residual.size
-    freedoms = m - data.nuisance.dof
+    dof = m - data.nuisance.dof
     if not data.row.size == data.component.size == data.sigma.size == len(data.nuisance.axes) == m:
         raise BadInputError(f"residuals, rows, components, noise and nuisance columns must all count {m} equations")
-    if freedoms < 1:
+    if dof < 1:
         raise BadInputError(f"{m} measured values cannot show more than the {data.nuisance.dof} unknowns of the frames")
     noted: list[str] = []
     scaled = data if data.noise_known else data.scaled(data.cleared)
     if not data.noise_known:
         noted.append("The noise is not known: sizes cannot be judged against it, only what they depend on.")
-    general = [overall(scaled, freedoms), *components(scaled), *repeats(scaled, conditions)]
+    general = [overall(scaled, dof), *components(scaled), *repeats(scaled, conditions)]
     depends: list[Finding] = []
     if n >= _FEWEST_ROWS:
         general += regions(scaled, conditions)
