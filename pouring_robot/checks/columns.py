@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, found, stuck, where
+from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Severity, flagged, stuck, where
 from pouring_robot.checks.thermometers import readings
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.estimation.noise import noise_beforehand, noise_key
@@ -58,7 +58,7 @@ def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
     named, robot = campaign.metadata.robot, campaign.robot.name
     if named and named != robot:
         message = f"the YAML file names the robot '{named}', and the rows were read as those of '{robot}'"
-        yield found(campaign, FlagCode.ANOTHER_ROBOT, message)
+        yield flagged(campaign, FlagCode.ANOTHER_ROBOT, message)
 
 
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
@@ -66,16 +66,16 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     metrics = {"usable_rows": float(usable), "distinct_poses": float(poses)}
     if usable < FEWEST_FOR_FRAMES:
         message = f"{counted(usable, 'row')} can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
-        yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
     elif usable < FEW_ROWS:
-        yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{counted(usable, 'row')} can be used", metrics=metrics)
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, f"{counted(usable, 'row')} can be used", metrics=metrics)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
         remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"
-        yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=remedy)
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=remedy)
     if usable >= FEWEST_FOR_FRAMES > poses:
         message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
-        yield found(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
+        yield flagged(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
 
 
 def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
@@ -84,7 +84,7 @@ def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
     if rows.size:
         names = [columns.drive_names(campaign.robot)[k] for k in np.flatnonzero(missing.any(axis=0))]
         message = f"a commanded drive is missing in {where(campaign, rows)}"
-        yield found(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
+        yield flagged(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
 
 
 def _copies(campaign: Campaign) -> Indices:
@@ -124,7 +124,7 @@ def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
     copies = _copies(campaign)
     if copies.size:
         message = f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit"
-        yield found(campaign, FlagCode.REPEATED_ROWS, message, copies, metrics={"rows": float(copies.size)})
+        yield flagged(campaign, FlagCode.REPEATED_ROWS, message, copies, metrics={"rows": float(copies.size)})
 
 
 def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
@@ -133,7 +133,7 @@ def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
     rows = np.flatnonzero([] if values is None else values <= 0.0)
     if rows.size:
         message = f"{where(campaign, rows)}: a distance of 0 or less, which has no direction and tells nothing"
-        yield found(campaign, FlagCode.NO_LENGTH, message, rows, [columns.DISTANCE], {"rows": float(rows.size)})
+        yield flagged(campaign, FlagCode.NO_LENGTH, message, rows, [columns.DISTANCE], {"rows": float(rows.size)})
 
 
 def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator[DataFlag]:
@@ -146,7 +146,7 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
     if held:
         stood, several = np.sort(np.concatenate(held)), f" at each of {len(held)} places" if len(held) > 1 else ""
         message = f"{where(campaign, stood)}: the target stood still{several} while the drives moved"
-        yield found(
+        yield flagged(
             campaign, FlagCode.STUCK_COLUMN, message, stood, columns.POSITION, severity=Severity.NOTE, remedy=_SOCKET
         )
     found_in = ((name, campaign.quantity(name)) for name in (*columns.POSITION, *columns.ROTATION, columns.DISTANCE))
@@ -179,7 +179,7 @@ def _approach(campaign: Campaign) -> Iterator[DataFlag]:
         if rows.size:
             held = f"column '{campaign.heading(name)}' holds {values[rows[0]]:g} at {where(campaign, rows)}"
             message = f"{held}; it may be +1 or -1"
-            yield found(campaign, FlagCode.BAD_APPROACH, message, rows, [name], {"rows": float(rows.size)})
+            yield flagged(campaign, FlagCode.BAD_APPROACH, message, rows, [name], {"rows": float(rows.size)})
 
 
 def _time(campaign: Campaign) -> Iterator[DataFlag]:
@@ -216,7 +216,7 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
             said += ", and is not that of the rows"
             said += "; the temperatures run smoothly by row" if rougher > 0.0 else ""
     figures, message = {"rows": float(len(rows)), "falls": float(steps)}, f"column '{campaign.heading('time')}' {said}"
-    yield found(campaign, code, message, at, ["time"], figures, severity=severity, remedy=remedy)
+    yield flagged(campaign, code, message, at, ["time"], figures, severity=severity, remedy=remedy)
 
 
 def _roughness(campaign: Campaign, order: Indices | slice) -> float:
@@ -230,7 +230,7 @@ def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
     count = len(set(campaign.sessions))
     if count > 1 and 2 * count > len(campaign):
         message = f"{count} sessions in {len(campaign)} rows, fewer than two rows each on average"
-        yield found(campaign, FlagCode.SESSIONS_OF_ROWS, message)
+        yield flagged(campaign, FlagCode.SESSIONS_OF_ROWS, message)
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
@@ -238,7 +238,7 @@ def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
     missing = [noise_key(kind) for kind in noise.measured if noise[kind].source != "stated"]
     if missing:
         message = f"the YAML file states no noise level: metrology.{' and '.join(missing)}"
-        yield found(campaign, FlagCode.NO_NOISE_LEVEL, message)
+        yield flagged(campaign, FlagCode.NO_NOISE_LEVEL, message)
 
 
 def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
@@ -249,14 +249,14 @@ def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
         parts = some((columns.AMBIENT, *campaign.robot.thermometers), _NAMED)
         message = f"{_headings(unused)}: no part of the robot is called so, and what is read there is not used"
         remedy = f"{FlagCode.UNUSED_TEMPERATURE.remedy}; parts: {parts}"
-        yield replace(found(campaign, FlagCode.UNUSED_TEMPERATURE, message, remedy=remedy), columns=tuple(unused))
+        yield replace(flagged(campaign, FlagCode.UNUSED_TEMPERATURE, message, remedy=remedy), columns=tuple(unused))
         others = [name for name in others if name not in unused]
     if others:
         message, severity, remedy = f"{_headings(others)}: no part of a campaign, left out", Severity.NOTE, ""
         if campaign.position_measured.any() and not campaign.full_pose and len(others) >= _ATTITUDE:
             message += "; no rotation was read"
             severity, remedy = Severity.WARNING, _AS_ROTATION_VECTOR
-        flag = found(campaign, FlagCode.IGNORED_COLUMNS, message, severity=severity, remedy=remedy)
+        flag = flagged(campaign, FlagCode.IGNORED_COLUMNS, message, severity=severity, remedy=remedy)
         yield replace(flag, columns=tuple(others))
 
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, where
 from pouring_robot.checks.units_and_axes import LENGTH_MISTAKES
 from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
@@ -38,7 +38,7 @@ def wrong_unit(
 ) -> DataFlag:
     """Return the finding that a condition is given in another unit than its heading's."""
     message = f"column '{campaign.heading(name)}' seems to hold {wrong}"
-    return found(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity)
+    return flagged(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity)
 
 
 def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why: str) -> DataFlag:
@@ -46,7 +46,7 @@ def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why:
     rows, values = np.flatnonzero(wrong), campaign.quantity(name)
     first = float("nan") if values is None else float(values[rows[0]])
     message = f"column '{campaign.heading(name)}' holds {first:g} {unit} in {where(campaign, rows)}, and {why}"
-    return found(campaign, FlagCode.IMPOSSIBLE_CONDITION, message, rows, [name], {f"first_{unit}": first})
+    return flagged(campaign, FlagCode.IMPOSSIBLE_CONDITION, message, rows, [name], {f"first_{unit}": first})
 
 
 def known(campaign: Campaign, name: str) -> FloatArray:

@@ -219,7 +219,7 @@ class DataFlag:
         }
 
 
-def found(
+def flagged(
     campaign: Campaign,
     code: FlagCode,
     message: str,
@@ -245,7 +245,7 @@ def stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: 
     else:
         message += " while the rest of the row changes"
     metrics = {"rows": float(rows.size), "value": float(value)}
-    return found(campaign, FlagCode.STUCK_COLUMN, message, rows, [name], metrics, severity=severity, remedy=remedy)
+    return flagged(campaign, FlagCode.STUCK_COLUMN, message, rows, [name], metrics, severity=severity, remedy=remedy)
 
 
 def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:

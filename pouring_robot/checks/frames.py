@@ -16,7 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, where
 from pouring_robot.checks.units_and_axes import (
     DRIVE_MISTAKES,
     LEFT_HANDED,
@@ -83,7 +83,7 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
     together = dataclasses.replace(together, distance_m=campaign.distance_m)
-    return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
+    return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
 
 
 def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
@@ -108,7 +108,7 @@ def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
                 f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
                 f"its rows miss the robot by {one} a component, with one of its own by {other}"
             )
-            yield found(campaign, FlagCode.TARGET_MOVED, message, members)
+            yield flagged(campaign, FlagCode.TARGET_MOVED, message, members)
 
 
 class FrameChecks:
@@ -169,7 +169,7 @@ class FrameChecks:
         return drives
 
     def _found(self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float]) -> None:
-        self.flags.append(found(self.campaign, code, message, (), names, metrics))
+        self.flags.append(flagged(self.campaign, code, message, (), names, metrics))
 
     def _unreachable(self) -> None:
         drives, remedy = self.data.drives, ""
@@ -191,7 +191,7 @@ class FrameChecks:
             message += f": beyond the limits of its joint is {far}"
             remedy = _LIMITS
         figures, code = {"rows": float(rows.size)}, FlagCode.UNREACHABLE_DRIVES
-        self.flags.append(found(self.campaign, code, message, rows, names, figures, remedy=remedy))
+        self.flags.append(flagged(self.campaign, code, message, rows, names, figures, remedy=remedy))
 
     def _over(self, rows: Indices) -> tuple[tuple[str, ...], str]:
         """Return the columns of the drives that are beyond their limits in rows (k,), and by how much, in words."""
@@ -235,7 +235,7 @@ class FrameChecks:
             severity = Severity.WARNING if seen.any() or self.campaign.distance_m is not None else Severity.ERROR
         figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}
         code, names = FlagCode.NOT_COMPARED, columns.POSITION
-        self.flags.append(found(self.campaign, code, message, turned_only, names, figures, severity=severity))
+        self.flags.append(flagged(self.campaign, code, message, turned_only, names, figures, severity=severity))
 
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str, *, roughly: bool = False) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
@@ -246,7 +246,7 @@ class FrameChecks:
         )
         code, figures = FlagCode.NO_AGREEMENT, {f"misfit_{unit}": misfit}
         severity, remedy = (Severity.WARNING, _ROUGH) if roughly else (Severity.ERROR, "")
-        self.flags.append(found(self.campaign, code, message, (), names, figures, severity=severity, remedy=remedy))
+        self.flags.append(flagged(self.campaign, code, message, (), names, figures, severity=severity, remedy=remedy))
 
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, flagged, where
 from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
 from pouring_robot.checks.smooth_errors import (
     ROWS_PER_TERM,
@@ -136,7 +136,7 @@ def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, sc
     if not far:
         others = f"{score:.0f} robust deviations from what the other rows say of its errors"
         code, said = FlagCode.OUTLIER, f"gross error, {off} from the nominal robot, {others}"
-    return found(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
+    return flagged(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
 
 
 def _off(campaign: Campaign, distance: float, angle: float) -> tuple[tuple[str, ...], str]:
@@ -153,7 +153,7 @@ def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, ang
         f"{off} (medians), and the others agree with it"
     )
     metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD}
-    return found(campaign, FlagCode.NO_AGREEMENT, message, rows, names, metrics)
+    return flagged(campaign, FlagCode.NO_AGREEMENT, message, rows, names, metrics)
 
 
 def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:

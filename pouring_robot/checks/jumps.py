@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged
 from pouring_robot.checks.smooth_errors import ROWS_PER_TERM, TELLING_ROWS, Aligned, robust_fit
 from pouring_robot.estimation.noise import commands
 from pouring_robot.io.units import MM, MRAD
@@ -61,7 +61,7 @@ def _jump(
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
     large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
     turn = f" and {angle / MRAD:.3g} mrad" if pose.shape[1] > 3 else ""
-    return found(
+    return flagged(
         campaign,
         FlagCode.MEASUREMENT_JUMP,
         f"from about line {campaign.lines[row]} on all measurements are shifted by {distance / MM:.3g} mm{turn} "

@@ -26,7 +26,7 @@ from scipy.special import chdtri
 from pouring_robot.batch import seen_from_rest
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, found
+from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.checks.smooth_errors import Aligned, condition_terms
 from pouring_robot.estimation.noise import FALSE_ALARMS, LEAST_FACTOR
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
@@ -130,7 +130,7 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
             f"scatter by {least.factor:.2g} times as much or more, which no smooth cause explains; of a position that "
             f"is {least.factor * stated:.2g} mm, not {stated:.2g}"
         )
-        yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
+        yield flagged(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
 
 
 def _scatters(
@@ -244,7 +244,7 @@ def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFl
                 "and the measurements scatter so"
             )
             figures = {f"step_{unit}": step / si}
-            yield found(campaign, FlagCode.ROUNDED_DRIVES, message, (), [names[k] for k in drives], figures)
+            yield flagged(campaign, FlagCode.ROUNDED_DRIVES, message, (), [names[k] for k in drives], figures)
 
 
 def _step(values: FloatArray, unit: str) -> tuple[float, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.conditions import known, wrong_unit
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found, stuck, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, stuck, where
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma, runs
 
@@ -42,7 +42,7 @@ def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _none(campaign: Campaign) -> Iterator[DataFlag]:
     if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
-        yield found(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
+        yield flagged(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
@@ -67,7 +67,7 @@ def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
         if rows.size:
             largest, heading = float(np.abs(aside[rows - 1]).max()), campaign.heading(name)
             message = f"column '{heading}' jumps by up to {largest:.0f} K and back at {where(campaign, rows)}"
-            yield found(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
+            yield flagged(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
 
 
 def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
@@ -92,7 +92,7 @@ def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
                     f"column '{campaign.heading(name)}' is as cold as the hall in {where(campaign, rows[cold])}, by a "
                     f"step of {step:.0f} K, while the other parts stay warm"
                 )
-                yield found(campaign, FlagCode.COLUMN_JUMP, message, rows[cold], [name], {"largest_K": step})
+                yield flagged(campaign, FlagCode.COLUMN_JUMP, message, rows[cold], [name], {"largest_K": step})
 
 
 def _cold_at_once(own: FloatArray, others: FloatArray) -> Iterator[tuple[Indices, float]]:
@@ -126,7 +126,7 @@ def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
                 f"column '{campaign.heading(name)}' is {value:g} wherever it was read, while {len(lively)} other "
                 f"temperatures move by up to {max(spread.values()):.0f} K"
             )
-            yield found(campaign, FlagCode.STUCK_COLUMN, message, (), [name], {"value": value})
+            yield flagged(campaign, FlagCode.STUCK_COLUMN, message, (), [name], {"value": value})
 
 
 def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
@@ -143,7 +143,7 @@ def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
                 f"columns {headings} seem to be exchanged: the hall would come to {np.nanmax(hall):.0f} °C, and the "
                 f"part stay at {values[both].max():.0f} °C"
             )
-            yield found(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, name))
+            yield flagged(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, name))
             return
 
 

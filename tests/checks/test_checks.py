@@ -12,7 +12,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.columns import _roughness, _time, check_columns
-from pouring_robot.checks.flags import FlagCode, Severity, found, usable_without, wrong_rows
+from pouring_robot.checks.flags import FlagCode, Severity, flagged, usable_without, wrong_rows
 from pouring_robot.checks.stated_noise import _bends
 from pouring_robot.exceptions import BadInputError, CampaignError
 from scripts.studies.wrong_data import sound
@@ -576,7 +576,7 @@ def test_data_that_are_wrong_as_a_whole_or_in_most_rows_are_refused(clean, drawi
     with pytest.raises(CampaignError, match="metres"):
         usable_without(metres, check_campaign(metres, drawing.kinematics))
     campaign = clean.campaign
-    most = [found(campaign, FlagCode.UNREACHABLE_POSE, "far", [k]) for k in range(len(campaign) // 2 + 1)]
+    most = [flagged(campaign, FlagCode.UNREACHABLE_POSE, "far", [k]) for k in range(len(campaign) // 2 + 1)]
     with pytest.raises(CampaignError, match="far"):
         usable_without(campaign, most)
 

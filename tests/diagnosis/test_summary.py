@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import FlagCode, found
+from pouring_robot.checks.flags import FlagCode, flagged
 from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -535,7 +535,7 @@ def test_nobody_is_a_hundred_percent_sure(probability, words):
 
 def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diagnosed):
     hot = diagnosed(HOT)
-    flag = found(hot.campaign, FlagCode.NOISE_TOO_SMALL, "the stated noise is too small")
+    flag = flagged(hot.campaign, FlagCode.NOISE_TOO_SMALL, "the stated noise is too small")
     gap = hot.train
     assert gap.position("after") < 1.2 * gap.position("floor")
     assert f"data: {flag.message}" not in note_lines(replace(hot, flags=(flag,)))
