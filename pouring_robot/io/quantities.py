@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, separators, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
-from pouring_robot.io.units import OF_UNIT, UNITS, Kind, to_inner
+from pouring_robot.io.units import OF_UNIT, UNITS, QuantityKind, to_inner
 
-LIMITS: dict[Kind, tuple[float, float]] = {
+LIMITS: dict[QuantityKind, tuple[float, float]] = {
     "mass": (0.0, 1e4),
     "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC),
     "time": (-LATEST, LATEST),
@@ -22,7 +22,7 @@ LIMITS: dict[Kind, tuple[float, float]] = {
 """What quantities of a kind lie between, in inner units; beyond is none of any robot. Others are at most LARGEST."""
 
 
-def first_fault(values: NDArray[np.float64], kind: Kind) -> tuple[int, str] | None:
+def first_fault(values: NDArray[np.float64], kind: QuantityKind) -> tuple[int, str] | None:
     """Return index of and words on the first value, in the inner unit, beyond :data:`LIMITS`; None: there is none."""
     low, high = LIMITS.get(kind, (-LARGEST, LARGEST))
     wrong = np.flatnonzero((values < low) | (values > high))
@@ -41,7 +41,7 @@ class Quantity:
     """One quantity of a table."""
 
     name: str  # without unit, such as ``q1`` or ``leg1``
-    kind: Kind  # what is measured; decides which units are accepted
+    kind: QuantityKind  # what is measured; decides which units are accepted
     required: bool = False  # whether a table without it is refused
     unless: str = ""  # a quantity that may stand in its place
     part_of: str = ""  # what it is nothing without, such as "a rotation vector": such quantities come all or none

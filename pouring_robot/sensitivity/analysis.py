@@ -23,7 +23,7 @@ from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogu
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.sensitivity.report import Request, SensitivityReport, ranges
-from pouring_robot.sensitivity.samples import ErrorSamples, Kind
+from pouring_robot.sensitivity.samples import ChainKind, ErrorSamples
 
 _AT_ONCE = 1000
 _CHECKED_ERRORS, _CHECKED_POSES = 10, 20
@@ -116,7 +116,7 @@ def _transfers(
     start: BatchStart,
     wanted: Sequence[PlacementParameter | DriveParameter],
     progress: Progress,
-) -> list[tuple[Kind, FloatArray, FloatArray]]:
+) -> list[tuple[ChainKind, FloatArray, FloatArray]]:
     """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
     chains = engine if isinstance(engine, CompiledEngine) and not engine.structure.is_serial else None
     closed, opened, rotations = list[BatchTransfer](), list[BatchTransfer](), list[FloatArray]()
@@ -132,7 +132,7 @@ def _transfers(
         mend = "name all that is driven, or narrow the range of poses, of another robot its joints' limits"
         raise NoSolutionError(f"the drives do not determine the robot at a pose of the workspace; {mend}")
     rotation = np.concatenate(rotations)
-    kinds: dict[Kind, list[BatchTransfer]] = {"closed chain": closed, "open branch": opened}
+    kinds: dict[ChainKind, list[BatchTransfer]] = {"closed chain": closed, "open branch": opened}
     return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in kinds.items() if found]
 
 

@@ -16,7 +16,7 @@ from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameter_catalogue import Parameter
 
 AXES = "XYZ"
-Kind = Literal["open branch", "closed chain"]
+ChainKind = Literal["open branch", "closed chain"]
 NOTHING_M = 1e-9
 """Less than this is round-off: the error moves nothing."""
 _BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the paper's 1.3175 mm is a centre
@@ -29,7 +29,7 @@ P = TypeVar("P", Parameter, DHParameter)
 class ErrorSamples(Generic[P]):
     """How each error alone moves one frame of the robot, in the axes of its base."""
 
-    kind: Kind
+    kind: ChainKind
     parameters: tuple[P, ...]  # the errors, P of them
     translation_m: FloatArray  # shape (P, n, 3)
     rotation_rad: FloatArray  # rotation vectors, shape (P, n, 3)
