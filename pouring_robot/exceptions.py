@@ -108,15 +108,15 @@ class TableError(BadInputError):
     """A table of numbers is wrong.
 
     Attributes:
-        row: line of the file (the header is line 1) or row from 1 (Parquet), where it is known.
+        line: line of the file (the header is line 1) or row from 1 (Parquet), where it is known.
         column: heading of the column, where it is known.
     """
 
     _shown_column = "column {}"
 
-    def __init__(self, path: Path | str, problem: str, row: int | None = None, column: str | None = None) -> None:
-        self.path, self.problem, self.row, self.column = Path(path), " ".join(problem.split()), row, column
-        places = [f"line {row}"] if row is not None else []
+    def __init__(self, path: Path | str, problem: str, line: int | None = None, column: str | None = None) -> None:
+        self.path, self.problem, self.line, self.column = Path(path), " ".join(problem.split()), line, column
+        places = [f"line {line}"] if line is not None else []
         if column is not None:
             places.append(self._shown_column.format(" ".join(column.split())[:80]))
         where = f"{', '.join(places)}: " if places else ""

@@ -174,7 +174,7 @@ def test_a_distance_is_from_another_row_of_the_same_session():
         labels = (*within.distance_from[:21], start, *within.distance_from[22:])
         with pytest.raises(CampaignError, match="where each session has a frame of its own, a distance") as caught:
             seen_from_one_place(dataclasses.replace(within, distance_m=line, distance_from=labels), model)
-        assert (caught.value.row, caught.value.column) == (23, within.heading("distance"))
+        assert (caught.value.line, caught.value.column) == (23, within.heading("distance"))
 
 
 def test_that_sessions_are_apart_is_told_beside_distances():

@@ -24,7 +24,7 @@ def test_lines_and_cells_of_a_csv_file(tmp_path):
     assert table.labels(1) == ("x y", "")
     with pytest.raises(TableError, match="line 4, column b: 'x y' is not a finite number") as caught:
         table.numbers(1)
-    assert (caught.value.row, caught.value.column) == (4, "b")
+    assert (caught.value.line, caught.value.column) == (4, "b")
     with pytest.raises(CampaignError, match=r"line 6: 1 cells for 2 columns; is the row cut off\?"):
         read_table(path, "a_mm", CampaignError, short_rows=False)
 
