@@ -176,7 +176,6 @@ def _moved(calibration: CalibrationFindings, before: Misfit, after: Misfit) -> s
 def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     """Return everything found."""
     split, fit = calibration.split, calibration.fit
-    lines = parameter_lines(calibration)
     test = np.setdiff1d(split.test, calibration.left_out)
     content = {
         "format": "pouring_robot/calibration/1",
@@ -208,16 +207,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "refused": calibration.refused and dataclasses.asdict(calibration.refused),
         "candidates": [group.name for group in calibration.candidates],
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
-        "parameters": [
-            {
-                "name": line.name,
-                "group": line.group,
-                **_in_unit(line, "value", "std", "low95", "high95", "prior_std"),
-                "learnt": line.learnt,
-                "verdict": line.verdict,
-            }
-            for line in lines
-        ],
+        "parameters": _parameters(calibration),
         "frames": {
             "tracker_to_fixed_platform": pose_figures(fit.unknowns.frames.T_tracker_base),
             "platform_to_target": pose_figures(fit.unknowns.frames.T_end_target),
@@ -232,18 +222,36 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
             "matrix": np.round(calibration.correlation[FRAMES:, FRAMES:], 6).tolist(),
         },
         "ladle": _ladle(calibration),
-        "fit": {
-            "evaluations": fit.evaluations,
-            "second_derivative_evaluations": fit.second_evaluations,
-            "converged": fit.converged,
-            "chi_square": fit.chi_square(),
-            "freedom": fit.dof(),
-            "inflation": calibration.inflation,
-        },
+        "fit": _fit(calibration),
         "data_flags": [flag.figures(calibration.campaign) for flag in calibration.flags],
         "next": next_measurements(calibration),
     }
     return dict(without_nan(content))
+
+
+def _parameters(calibration: CalibrationFindings) -> list[Figures]:
+    return [
+        {
+            "name": line.name,
+            "group": line.group,
+            **_in_unit(line, "value", "std", "low95", "high95", "prior_std"),
+            "learnt": line.learnt,
+            "verdict": line.verdict,
+        }
+        for line in parameter_lines(calibration)
+    ]
+
+
+def _fit(calibration: CalibrationFindings) -> Figures:
+    fit = calibration.fit
+    return {
+        "evaluations": fit.evaluations,
+        "second_derivative_evaluations": fit.second_evaluations,
+        "converged": fit.converged,
+        "chi_square": fit.chi_square(),
+        "freedom": fit.dof(),
+        "inflation": calibration.inflation,
+    }
 
 
 def _in_unit(line: Movement, *names: str) -> Figures:
