@@ -118,25 +118,10 @@ def thermal(
     from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing
 
-    moved.check()
-    if moved.under is None and history is None and html is not None:
-        raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
-    if moved.under is not None and (at_mm is None or history is not None):
-        raise BadInputError("--under is for a pose that is held: give --at-mm and --tilt-deg, and no --history")
+    _check(at_mm, tilt_deg, history, every_min, melt, moved, html)
     ladle = options.with_melt(which.built(warm=True))
-    if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
-        raise BadInputError(
-            "--history tells the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
-        )
-    if every_min is not None and history is None:
-        raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
-    if tilt_deg is not None and at_mm is None:
-        raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
     heat = melt.of(ladle) or HeatSection()
     pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
-    if history is None and pose is None:
-        raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
-
     heated = heated_drawing(ladle, heat, radiation=not conduction_only)
     kind = "conduction alone" if conduction_only else "conduction and radiation"
     found: PoseHeat | ShiftHeat
@@ -191,6 +176,33 @@ def thermal(
     options.say(title)
     print_blocks(told)
     options.print_written(written)
+
+
+def _check(
+    at_mm: options.AtMm,
+    tilt_deg: options.TiltDeg,
+    history: Path | None,
+    every_min: float | None,
+    melt: bundles.Melt,
+    moved: Moved,
+    html: Path | None,
+) -> None:
+    """Refuse what does not go together, of a pose that is held, a shift, and what is drawn of them."""
+    moved.check()
+    if moved.under is None and history is None and html is not None:
+        raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
+    if moved.under is not None and (at_mm is None or history is not None):
+        raise BadInputError("--under is for a pose that is held: give --at-mm and --tilt-deg, and no --history")
+    if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
+        raise BadInputError(
+            "--history tells the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
+        )
+    if every_min is not None and history is None:
+        raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
+    if tilt_deg is not None and at_mm is None:
+        raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
+    if history is None and at_mm is None:
+        raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
 
 
 def _shift(
