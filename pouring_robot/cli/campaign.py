@@ -9,6 +9,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import Pair, Point, opt, reads, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.io.usual_noise import SIGMA_MM, SIGMA_MRAD
 
 _COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
@@ -41,7 +42,9 @@ def plan(
     loads: Annotated[
         Pair, opt("Payloads (melt) in kg to choose from: finds how the drives yield.", metavar="A B")
     ] = None,
-    temperatures: Annotated[Pair, opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")] = None,
+    temperatures: Annotated[
+        Pair, opt("Temperatures of sliding drives in °C to choose from: finds how they grow.", metavar="A B")
+    ] = None,
     reduce: Annotated[bool, opt("Leave out parameters that measurements cannot tell from others.", "--reduce")] = False,
     candidates: Annotated[int, opt("About how many poses to choose from.")] = 2000,
     starts: Annotated[int, opt("How many random plans the search starts from.")] = 4,
@@ -63,18 +66,18 @@ def plan(
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
     if position_only and sigma_mrad is not None:
         raise BadInputError("give --sigma-mrad or --position-only, not both: without rotations they have no noise")
-    sigma_rad = None if position_only else 1e-3 * (SIGMA_MRAD if sigma_mrad is None else sigma_mrad)
+    sigma_rad = None if position_only else MRAD * (SIGMA_MRAD if sigma_mrad is None else sigma_mrad)
     present = which.built()
     request = PlanRequest(
         poses=poses,
         parameters=tuple(parameters or ()),
         criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
-        noise=NoiseLevel.stated(sigma_mm * 1e-3, sigma_rad),
-        target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
+        noise=NoiseLevel.stated(sigma_mm * MM, sigma_rad),
+        target_m=(target_mm[0] * MM, target_mm[1] * MM, target_mm[2] * MM),
         priors=Tolerances.load(tolerances or present.model.definition.tolerances_file) if priors else None,
         both_sides=both_sides,
         loads_kg=tuple(loads or ()),
-        leg_degC=tuple(temperatures or ()),
+        drive_degC=tuple(temperatures or ()),
         reduce=reduce,
         candidates=candidates,
         starts=starts,
@@ -239,10 +242,10 @@ def simulate(
     standing = under.of(present, poses.given(present.model.definition))
     robots = None if standing is None else standing.robots(poses.drives)
     settings = MeasurementOptions(
-        sigma_position_m=noise_mm * 1e-3,
-        sigma_rotation_rad=None if position_only else 1e-3 * (SIGMA_MRAD if noise_mrad is None else noise_mrad),
+        sigma_position_m=noise_mm * MM,
+        sigma_rotation_rad=None if position_only else MRAD * (SIGMA_MRAD if noise_mrad is None else noise_mrad),
         outliers=outliers,
-        outlier_m=outlier_mm * 1e-3,
+        outlier_m=outlier_mm * MM,
         lost=lost,
         pose_tracker_to_fixed_platform=_frame(tracker_frame),
         pose_platform_to_target=_frame(target_frame),
@@ -265,7 +268,7 @@ def _frame(figures: Frame | None) -> Any:
         return None
     if not all(math.isfinite(value) for value in figures):
         raise BadInputError("a frame has six finite figures: x y z in mm and a rotation vector in degrees")
-    return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * 1e-3)
+    return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * MM)
 
 
 campaign = bundles.group_of(

@@ -10,6 +10,7 @@ from scipy.stats import qmc
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.simulate import metadata_of
 from pouring_robot.design.request import PlannedParameter
+from pouring_robot.effects.conditions import set_apart
 from pouring_robot.effects.nominal_rows import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
@@ -29,7 +30,7 @@ class PlannedConditions:
 
     side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
     payload_kg: float = 0.0  # of the pouring robot the melt in its ladle
-    leg_degC: float = REFERENCE_DEGC
+    drive_degC: float = REFERENCE_DEGC
 
 
 class Columns:
@@ -83,7 +84,7 @@ class Columns:
         base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
         closed = seen.closed & drives.closed
         forces = self._forces(modelled, closed, (visit.payload_kg for visit in conditions))
-        return (base, by_drive[:, :, FRAMES:], forces, command.drives), closed
+        return (base, by_drive[:, :, FRAMES:], forces, command.drives + set_apart(self.robot.model.definition)), closed
 
     def _forces(
         self, modelled: ModelledRows, closed: BoolArray, payloads_kg: Iterable[float]
@@ -105,11 +106,11 @@ class Columns:
         base: FloatArray,
         drives: FloatArray,
         forces: Mapping[float, FloatArray],
-        commanded: FloatArray,
+        spans: FloatArray,
     ) -> FloatArray:
         """Return columns of all unknowns, (n, 6, 12 + P).
 
-        Of columns of frames and local parameters, of the drives, forces on these by payload, and their commands.
+        Of columns of frames and local parameters, of the drives, forces on these by payload, and how long they are.
         """
         rows = np.empty((len(base), 6, FRAMES + len(self.parameters)))
         rows[:, :, : base.shape[2]] = base
@@ -122,8 +123,8 @@ class Columns:
             elif parameter.kind == "compliance":
                 rows[:, :, k] = column * force[:, drive, None]
             else:
-                warmth = conditions.leg_degC - reference_degC(self._facts.reference_temperature_degC)
-                rows[:, :, k] = column * (warmth * commanded[:, drive])[:, None]
+                warmth = conditions.drive_degC - reference_degC(self._facts.reference_temperature_degC)
+                rows[:, :, k] = column * (warmth * spans[:, drive])[:, None]
         return rows
 
 

@@ -65,13 +65,10 @@ class Planner:
         self.robot, self.request = robot, request or PlanRequest()
         expect(self.request, PlanRequest, "what is asked of a plan is a PlanRequest")
         loads = self.request.loads_kg
-        if not isinstance(robot, PouringRobot):
-            if self.request.leg_degC:
-                raise BadInputError("leg temperatures are planned for the pouring robot only")
-        elif max(loads, default=0.0) > robot.layout.ladle.payload.value:
+        if isinstance(robot, PouringRobot) and max(loads, default=0.0) > robot.layout.ladle.payload.value:
             most = robot.layout.ladle.payload.value
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
-        asked = planned_parameters(robot.parameters, self.request)
+        asked = planned_parameters(robot, self.request)
         self.poses, rows = self._rows(Columns(robot, asked))
         # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
         # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
@@ -100,7 +97,10 @@ class Planner:
     @functools.cached_property
     def states(self) -> tuple[PlannedConditions, ...]:
         """Loads and temperatures to choose from."""
-        loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (PlannedConditions().leg_degC,)
+        loads, temperatures = (
+            self.request.loads_kg or (0.0,),
+            self.request.drive_degC or (PlannedConditions().drive_degC,),
+        )
         return tuple(PlannedConditions(1, load, degrees) for degrees in temperatures for load in loads)
 
     def _rows(self, columns: Columns) -> tuple[FloatArray, FloatArray]:
@@ -206,7 +206,7 @@ class Planner:
         scaled = (self.poses - lower) / np.maximum(upper - lower, 1e-12)
         ordered: list[tuple[int, int, int]] = []
         here = np.zeros(lower.size)
-        for state in sorted({s for _, s, _ in visits}, key=lambda s: (self.states[s].leg_degC, s)):
+        for state in sorted({s for _, s, _ in visits}, key=lambda s: (self.states[s].drive_degC, s)):
             left = sorted(v for v in visits if v[1] == state)
             while left:
                 nearest = min(left, key=lambda v: (float(np.linalg.norm(scaled[v[0]] - here)), v))
@@ -250,7 +250,7 @@ class Planner:
             grid = grid[self.columns.reachable(grid)]
         else:
             grid, _ = self.robot.model.definition.workspace(self.robot.drawing)
-        work = PlannedConditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
+        work = PlannedConditions(0, max(s.payload_kg for s in self.states), max(s.drive_degC for s in self.states))
         columns, closed = self.columns.ladle(grid, work)
         return grid[closed], self._apart(columns[closed])
 
@@ -328,5 +328,5 @@ def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Planned
         state = planner.states[int(random.integers(len(planner.states)))]
         for side in (1, -1) if k in both else (1,):
             poses.append(pose)
-            conditions.append(PlannedConditions(side, state.payload_kg, state.leg_degC))
+            conditions.append(PlannedConditions(side, state.payload_kg, state.drive_degC))
     return np.array(poses), conditions

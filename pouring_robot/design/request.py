@@ -6,11 +6,13 @@ Beside the local parameters there are simple columns for what depends on how a p
   command, falling half of it above.
 - ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it, which is what effects count
   there (:func:`~pouring_robot.effects.nominal_rows.loads_on`); to first order this is the yielding drive of
-  ``energy.Loads``. The passive leg carries nothing along its axis.
-- ``expansion.<drive>`` (1/K): a driven leg is longer by this times its length times its warmth above the reference.
+  ``energy.Loads``. What is not driven carries nothing.
+- ``expansion.<drive>`` (1/K): a sliding drive with a thermometer is longer by this times its length times its warmth
+  above the reference.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,7 +28,8 @@ from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.local_parameters import GeometricParameter
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameter_catalogue import all_parameters
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
 
 Condition = Literal["backlash", "compliance", "expansion"]
@@ -83,7 +86,8 @@ class PlanRequest:
     priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
     both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
     loads_kg: tuple[float, ...] = ()  # payloads to choose from; with any, drives' compliances are determined too
-    leg_degC: tuple[float, ...] = ()  # leg temperatures to choose from; with any, the legs' expansions are found too
+    # temperatures of sliding drives to choose from; with any, the expansions of those with a thermometer are found too
+    drive_degC: tuple[float, ...] = ()
     reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
     candidates: int = 2000  # about how many poses to choose from
     starts: int = 4  # how many random first plans
@@ -115,7 +119,7 @@ class PlanRequest:
         plain = {"target_m": target, "parameters": as_tuple(self.parameters)}
         for key, name, least_value, most_value in (
             ("loads_kg", "load in kg", *LIMITS["mass"]),
-            ("leg_degC", "leg temperature in °C", -100.0, _HOTTEST_DEGC),
+            ("drive_degC", "drive temperature in °C", -100.0, _HOTTEST_DEGC),
         ):
             said = f"a {name} must be {least_value:g} to {most_value:g}, not {getattr(self, key)}"
             plain[key] = values = tuple(finite(as_tuple(getattr(self, key)), (None,), said).tolist())
@@ -132,17 +136,26 @@ class PlanRequest:
         return self.reduce or not self.parameters
 
 
-def planned_parameters(catalogue: ParameterCatalogue, request: PlanRequest) -> tuple[PlannedParameter, ...]:
+def planned_parameters(robot: Robot, request: PlanRequest) -> tuple[PlannedParameter, ...]:
     """Return the parameters of sets, groups and name patterns, then those that only conditions show; see the module.
 
-    A name or pattern that matches nothing raises BadInputError.
+    A name or pattern that matches nothing raises BadInputError, and so do temperatures of a robot whose drives have no
+    thermometer.
     """
+    catalogue, warmed = robot.parameters, causes_of(robot.model.definition).drive_thermometers
+    if request.drive_degC and not warmed:
+        raise BadInputError("no sliding drive has a thermometer, so temperatures show nothing of them; plan without")
     wanted = all_parameters(catalogue.groups(request.parameters or DEFAULT_SETS))
-    planned = {"backlash": request.both_sides > 0, "compliance": request.loads_kg, "expansion": request.leg_degC}
+    every = {drive.joint for drive in catalogue.drives}
+    planned: dict[Condition, Collection[str]] = {
+        "backlash": every if request.both_sides else (),
+        "compliance": every if request.loads_kg else (),
+        "expansion": warmed if request.drive_degC else (),
+    }
     shown = [
         PlannedParameter(f"{condition}.{drive.joint}", units[drive.unit][0], condition, drive)
         for condition, units in _CONDITIONS.items()
         for drive in catalogue.drives
-        if planned[condition] and drive.unit in units
+        if drive.joint in planned[condition] and drive.unit in units
     ]
     return (*(PlannedParameter(p.name, p.unit, "local", p) for p in wanted), *shown)

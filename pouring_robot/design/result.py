@@ -12,6 +12,7 @@ from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.plan_rows import PlannedConditions
 from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError, some
 from pouring_robot.io.files import check_ending, write_whole
@@ -23,7 +24,6 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition
-from pouring_robot.robot.pouring.names import LEGS
 
 
 class UndeterminedError(BadInputError):
@@ -134,8 +134,9 @@ class MeasurementPlan(Result):
             columns |= {name: [str(visit.side) for visit in visits] for name in approach_names(self.robot)}
         if request.loads_kg:
             columns[LOAD] = [f"{visit.payload_kg:g}" for visit in visits]
-        if request.leg_degC:
-            columns |= {f"{leg}_degC": [f"{visit.leg_degC:g}" for visit in visits] for leg in LEGS}
+        if request.drive_degC:
+            warmth = [f"{visit.drive_degC:g}" for visit in visits]
+            columns |= {f"{name}_degC": warmth for name in causes_of(self.robot).beside_drives}
         return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
 
     def rows(self) -> list[dict[str, Any]]:
@@ -238,11 +239,11 @@ def _shown(axes: Sequence[CommandAxis], commands: FloatArray) -> FloatArray:
 
 def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArray) -> None:
     """Draw poses, one colour for each load and temperature; those visited from both sides have a ring."""
-    states = list(dict.fromkeys((c.payload_kg, c.leg_degC) for c in plan.conditions))
+    states = list(dict.fromkeys((c.payload_kg, c.drive_degC) for c in plan.conditions))
     for k, state in enumerate(states):
-        rows = [(c.payload_kg, c.leg_degC) == state for c in plan.conditions]
+        rows = [(c.payload_kg, c.drive_degC) == state for c in plan.conditions]
         told = [f"{state[0]:g} kg"] if plan.request.loads_kg else []
-        told += [f"{state[1]:g} °C"] if plan.request.leg_degC else []
+        told += [f"{state[1]:g} °C"] if plan.request.drive_degC else []
         label = ", ".join(told) or "pose"
         place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
     both = [c.side < 0 for c in plan.conditions]

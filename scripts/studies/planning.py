@@ -49,7 +49,7 @@ def requests(poses: int, *, quick: bool) -> list[tuple[str, PlanRequest]]:
     ]
     if quick:
         return studied[:2]
-    conditions = replace(plain, both_sides=poses // 4, loads_kg=(0.0, 500.0), leg_degC=(20.0, 120.0))
+    conditions = replace(plain, both_sides=poses // 4, loads_kg=(0.0, 500.0), drive_degC=(20.0, 120.0))
     studied.append(("centres, backlash, compliance, expansion", conditions))
     for criterion in ("O2", "O3", "O4", "O5"):
         studied.append(("centres", replace(plain, criterion=criterion)))

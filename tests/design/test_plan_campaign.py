@@ -5,8 +5,10 @@ import pytest
 
 from pouring_robot import BadInputError, PlanRequest, Robot, plan_campaign
 from pouring_robot.campaign.plan import read_plan
+from pouring_robot.design.plan_rows import PlannedConditions
 from pouring_robot.design.planning import Planner, compare_with_random
 from pouring_robot.design.result import plot
+from pouring_robot.estimation.noise import NoiseLevel
 from tests.support import ROOT, gantry_file
 
 
@@ -58,5 +60,23 @@ def test_another_robot_is_planned_by_its_drives(tmp_path):
     assert plan.poses.min() >= limits[0] and plan.poses.max() <= limits[1]
     assert plan.figures()["ladle"]["frame"] == robot.model.definition.loops.working_frame
     assert plot(plan).startswith(b"\x89PNG")
-    with pytest.raises(BadInputError, match="pouring robot only"):
-        Planner(robot, PlanRequest(leg_degC=(20.0, 100.0)))
+    with pytest.raises(BadInputError, match="no sliding drive has a thermometer"):
+        Planner(robot, PlanRequest(drive_degC=(20.0, 100.0)))
+
+
+def test_legs_of_another_robot_grow_by_the_distance_of_their_joints(tmp_path):
+    """Which in a hexapod is no drive's value: that counts from the middle of its stroke."""
+    robot = Robot.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
+    planner = Planner(robot, PlanRequest(parameters=("drives",), drive_degC=(20.0, 70.0), candidates=100, starts=1))
+    poses, visits = planner.poses[-4:], [PlannedConditions(drive_degC=20.0), PlannedConditions(drive_degC=70.0)]
+    rows, _ = planner.columns.measured(poses, visits, NoiseLevel.stated(1.0, 1.0), np.zeros(3))
+    column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
+    stood = [robot.location_of(robot.command_at(pose)).nominal for pose in poses]
+    for leg in range(1, 7):
+        ends = [[one.pose("base", f"leg{leg}_{link}").translation for one in stood] for link in ("barrel", "ball_x")]
+        lengths = np.linalg.norm(np.subtract(*ends), axis=1)
+        growth, drive = column[f"expansion.leg{leg}_stroke"], column[f"drive.leg{leg}_stroke"]
+        assert not growth[:, 0].any()
+        assert growth[:, 1] == pytest.approx(50.0 * lengths[:, None] * drive[:, 1])
+    read = read_plan(planner.plan().save(tmp_path / "plan.csv"), robot)
+    assert {*read.conditions["leg3_rod"].tolist()} == {20.0, 70.0}

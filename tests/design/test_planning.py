@@ -69,7 +69,7 @@ def plan(planner):
 @pytest.fixture(scope="module")
 def visited(robot):
     request = PlanRequest(
-        poses=20, parameters=("drives",), both_sides=4, loads_kg=(0.0, 500.0), leg_degC=(20.0, 120.0), **SMALL
+        poses=20, parameters=("drives",), both_sides=4, loads_kg=(0.0, 500.0), drive_degC=(20.0, 120.0), **SMALL
     )
     return Planner(robot, request).plan()
 
@@ -350,7 +350,7 @@ def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_ha
     text = f"format: pouring_robot/robot/1\n{said}drives: [{drives}]\nusual_moment_nm: 250\n"
     (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
     robot = Robot.load(tmp_path / "robot.yaml")
-    planned = planned_parameters(robot.parameters, PlanRequest(loads_kg=(0.0, load)))
+    planned = planned_parameters(robot, PlanRequest(loads_kg=(0.0, load)))
     columns = Columns(robot, planned)
     ram, tilt = 0.15, 0.7
     commands = np.array([[ram, tilt][-len(names) :]])
@@ -381,7 +381,7 @@ def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_ha
 
 
 def test_backlash_and_expansion_columns_follow_the_drives(robot):
-    request = PlanRequest(parameters=("drives",), both_sides=2, leg_degC=(20.0, 70.0), **SMALL)
+    request = PlanRequest(parameters=("drives",), both_sides=2, drive_degC=(20.0, 70.0), **SMALL)
     planner = Planner(robot, request)
     poses = planner.poses[:4]
     visits = [PlannedConditions(1, 0.0, 20.0), PlannedConditions(-1, 0.0, 70.0)]
@@ -401,8 +401,8 @@ def test_legs_do_not_grow_at_the_temperature_of_the_drawing():
     """Which the properties of its heat say, and the growth at another is what their steel does from there."""
     heat = HeatSection(properties={"expansion": {"reference_temperature": 30.0}})
     robot = PouringRobot.without_warning(RobotModel(heat=heat))
-    planner = Planner(robot, PlanRequest(parameters=("drives",), leg_degC=(30.0, 70.0), **SMALL))
-    visits = [PlannedConditions(leg_degC=30.0), PlannedConditions(leg_degC=70.0)]
+    planner = Planner(robot, PlanRequest(parameters=("drives",), drive_degC=(30.0, 70.0), **SMALL))
+    visits = [PlannedConditions(drive_degC=30.0), PlannedConditions(drive_degC=70.0)]
     rows, _ = planner.columns.measured(planner.poses[:4], visits, NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
     properties = heat.thermal_properties()
@@ -417,9 +417,9 @@ def test_conditions_make_their_parameters_known(visited):
     assert {"backlash.leg1_s3", "compliance.leg4_s5", "expansion.leg3_s3"} <= set(names)
     assert len(visited.poses) == 24
     assert sum(c.side < 0 for c in visited.conditions) == 4
-    states = [(c.payload_kg, c.leg_degC) for c in visited.conditions]
+    states = [(c.payload_kg, c.drive_degC) for c in visited.conditions]
     assert len({(*p, *s) for p, s in zip(visited.poses.tolist(), states, strict=True)}) == 20
-    heat = [c.leg_degC for c in visited.conditions]
+    heat = [c.drive_degC for c in visited.conditions]
     assert heat == sorted(heat) and len(set(heat)) == 2
     assert len({c.payload_kg for c in visited.conditions}) == 2
     std = dict(zip(names, visited.quality.parameter_std, strict=True))
@@ -488,7 +488,7 @@ def test_no_option_is_advised_that_is_given_already(robot):
         ({"noise": NoiseLevel.stated(1e-5, float("nan"))}, "noise of a rotation"),
         ({"criterion": "E"}, "known: D, O1"),
         ({"loads_kg": (5.0, 5.0)}, "two different"),
-        ({"leg_degC": (20.0, 1e5)}, "leg temperature"),
+        ({"drive_degC": (20.0, 1e5)}, "drive temperature"),
         ({"target_m": (0.0, 0.0, 1e3)}, "target"),
         ({"target_m": (0.0, 0.0)}, "three figures of at most 10 m"),
         ({"target_m": "lip"}, "three figures of at most 10 m"),
@@ -539,7 +539,7 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     assert got == pytest.approx(visited.poses, abs=1e-12)
     assert read.conditions["approach_q1"].tolist() == [c.side for c in visited.conditions]
     assert read.conditions["payload"].tolist() == [c.payload_kg for c in visited.conditions]
-    assert read.conditions["leg2"].tolist() == [c.leg_degC for c in visited.conditions]
+    assert read.conditions["leg2"].tolist() == [c.drive_degC for c in visited.conditions]
 
 
 def test_the_picture_shows_commands_as_the_table_has_them(visited, monkeypatch):

@@ -106,6 +106,12 @@ class Causes:
         """Return the columns of the thermometers of a kind, or a thermometer itself."""
         return next((tuple(t.members) for t in self.thermometers if t.name == name), (name,))
 
+    @property
+    def beside_drives(self) -> tuple[str, ...]:
+        """Columns of the thermometers that tell how warm drives are, and of the others of their kinds."""
+        own = {*self.drive_thermometers.values()}
+        return tuple(member for t in self.thermometers if own & {*t.members} for member in t.members)
+
 
 AMBIENT = Thermometers(
     "ambient",
