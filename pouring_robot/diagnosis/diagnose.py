@@ -175,18 +175,7 @@ def diagnose(
     work = _Work(campaign, model, effects, options, progress)
     asked = work.asked(wrong)
     with forked(lambda: _where(asked.diagnoser)) as where:  # a core that the search leaves free
-        found = work.searched(asked)
-        for _ in range(_GROSS_ERROR_ROUNDS):
-            more = found.gross_errors
-            if not more.size:
-                break
-            progress("leaving out rows that fit nothing", 0, 0)
-            again = work.searched(work.asked(np.union1d(found.asked.left_out, more)), found.hypothesis)
-            # Otherwise what is missing is missing in many rows: none is known to be wrong.
-            if not calm(again.hypothesis.remainder):
-                break
-            found = again
-        found = found.beside_unknown()
+        found = work.without_gross_errors(work.searched(asked)).beside_unknown()
         if found.diagnoser is asked.diagnoser:
             return work.judged(found, tuple(flags), where)
     with forked(lambda: _where(found.diagnoser)) as where:
@@ -234,6 +223,23 @@ class _Work:
         """Search, from what was found with more rows."""
         self.say("searching for effects", 0, 0)
         return Searched(asked, asked.diagnoser, *asked.diagnoser.found(start)).with_noise_settled()
+
+    def without_gross_errors(self, found: Searched) -> Searched:
+        """Search again without the rows that fit nothing, if what is left then is calm.
+
+        Otherwise what is missing is missing in many rows, and none is known to be wrong.
+        """
+        tried = found
+        for _ in range(_GROSS_ERROR_ROUNDS):
+            more = tried.gross_errors
+            if not more.size:
+                break
+            self.say("leaving out rows that fit nothing", 0, 0)
+            # What wrong rows have drawn to themselves is nothing to start from.
+            start = tried.hypothesis if calm(tried.hypothesis.remainder) else None
+            tried = self.searched(self.asked(np.union1d(tried.asked.left_out, more)), start)
+            found = tried if calm(tried.hypothesis.remainder) else found
+        return found
 
     def judged(self, found: Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:
         """Say what may be said of what was found."""

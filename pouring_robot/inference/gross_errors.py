@@ -4,7 +4,8 @@ Found here after a search, they are left out and it is searched again (``diagnos
 are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
 """
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ _SIGMAS = 6.5
 _FEW_SHARE, _FEW = 0.04, 2
 """So few rows, or so many of a small campaign, are single ones wherever they are."""
 _CALM = 1.5
-_SHARE = 0.9
+_SHARE, _HALF = 0.9, 0.5
 _TOGETHER = 0.01
 """Probability, over all courses, that scattered rows are taken for rows that lie together."""
 
@@ -32,7 +33,7 @@ def calm(left: FloatArray) -> bool:
 
 
 def gross_errors(
-    residuals: Iterable[FloatArray],
+    residuals: tuple[FloatArray, FloatArray],
     row: NDArray[np.intp],
     fitted: NDArray[np.bool_],
     gone: int,
@@ -43,7 +44,8 @@ def gross_errors(
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
     out: rows count by what nine tenths of them stay below, in what is left or else in deletion residuals. Up to the
     last tenth may be wrong; where they are more than a few they must be scattered, as something unknown comes in some
-    place or for some time.
+    place or for some time. Where the rest is not calm, as gross errors kept its causes from being found, long tails of
+    these hide them among the last tenth: a few may then stand out of the better half.
 
     Args:
         residuals: what nothing explains of the fitted rows, in units of the noise, and their deletion residuals, (m,).
@@ -52,24 +54,26 @@ def gross_errors(
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
     """
-    for left in residuals:
-        wrong = np.flatnonzero(_beyond(left, row, fitted))
+    level, most = _TOGETHER / len(courses), (1.0 - _SHARE) * len(fitted)
+    left_over, deleted = residuals
+    shares = (_SHARE,) if calm(left_over) else (_SHARE, _HALF)
+    for share, left in itertools.product(shares, (left_over, deleted)):
+        wrong = np.flatnonzero(_beyond(left, row, fitted, share))
         count = wrong.size + gone
-        few, most = count <= max(_FEW, int(_FEW_SHARE * len(fitted))), (1.0 - _SHARE) * len(fitted)
-        level = _TOGETHER / len(courses)
-        if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
+        few, many = count <= max(_FEW, int(_FEW_SHARE * len(fitted))), share == _SHARE and count <= most
+        if wrong.size and (few or (many and all(_together(wrong, c) >= level for c in courses))):
             return wrong
     return np.zeros(0, dtype=np.intp)
 
 
-def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which rows are far beyond what nine tenths of them stay below, (n,)."""
+def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
+    """Return which rows are far beyond what a share of them stays below, (n,)."""
     worst = np.zeros(len(fitted))
     np.maximum.at(worst, row, np.abs(left))
     components = len(left) / fitted.sum()
-    # The largest of so many normal values stays below this in nine rows of ten.
-    usual = float(ndtri(0.5 + 0.5 * _SHARE ** (1.0 / components)))
-    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], _SHARE)) / usual))
+    # The largest of so many normal values stays below this in that share of rows.
+    usual = float(ndtri(0.5 + 0.5 * share ** (1.0 / components)))
+    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], share)) / usual))
 
 
 def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:

@@ -30,3 +30,15 @@ def test_the_row_is_left_out_and_the_cause_named(drawn):
 
 def test_what_many_rows_show_is_no_gross_error(tmp_path):
     assert diagnose(stepped(tmp_path)).left_out.size == 0
+
+
+@pytest.mark.parametrize("along", [([0, 1, 0], [0, 1, 0]), ([1, 0, 0], [0, 1, 0])])
+def test_two_rows_that_keep_two_causes_from_being_found_are_left_out(tmp_path, along):
+    """They hide in the tails of causes not found; what is found with them is nothing to start from without them."""
+    causes = (Wanted("base_drift", 25.0, "b"), Wanted("drive_cyclic", 25.0, "a"))
+    data = campaign(tmp_path, causes, rows=50, full_pose=False)
+    position = np.array(data.position_m)
+    position[[6, 31]] += 18e-3 * np.array(along)
+    found = diagnose(replace(data, position_m=position))
+    assert found.left_out.tolist() == [6, 31]
+    assert {e.cause.effect for e in found.firm} == {"base_drift", "drive_cyclic"}

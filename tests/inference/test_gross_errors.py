@@ -14,7 +14,7 @@ def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
     left = noise * rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] = off
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors([left.ravel()], rows, np.ones(COUNT, dtype=bool), gone, places).tolist()
+    return gross_errors((left.ravel(),) * 2, rows, np.ones(COUNT, dtype=bool), gone, places).tolist()
 
 
 @pytest.fixture
@@ -44,6 +44,20 @@ def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
     for together in (near, np.arange(40, 49)):
         assert found(together, (poses, order), rng) == []
         assert found(together[:4], (poses, order), rng) == together[:4].tolist()
+
+
+def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_better_half(places):
+    """Of a fifth of the rows causes leave much more; of rows that are calm none is taken."""
+    left = np.tile([1.0, -1.0], (COUNT, COMPONENTS // 2))
+    left[::5] *= 3.5
+    left[[7, 61], 1] = 7.0
+    rows, fitted = np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool)
+
+    def found(factor):
+        return gross_errors((factor * left.ravel(),) * 2, rows, fitted, 0, places).tolist()
+
+    assert found(3.0) == [7, 61]
+    assert found(1.0) == []
 
 
 def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
