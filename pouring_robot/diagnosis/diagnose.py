@@ -37,7 +37,6 @@ from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import calm
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import sums_of
@@ -236,9 +235,9 @@ class _Work:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
             # What wrong rows have drawn to themselves is nothing to start from.
-            start = tried.hypothesis if calm(tried.hypothesis.remainder) else None
+            start = tried.hypothesis if tried.calm else None
             tried = self.searched(self.asked(np.union1d(tried.asked.left_out, more)), start)
-            found = tried if calm(tried.hypothesis.remainder) else found
+            found = tried if tried.calm else found
         return found
 
     def judged(self, found: Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:

@@ -198,9 +198,16 @@ class Diagnoser:
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
         """Put in what a hypothesis found, and settle it there, all other effects left out; say how far it was off."""
         state, moved = self._advanced(state, hypothesis)
+        return state, self._alone_on(state, state.linear, hypothesis).settled(), moved
+
+    def _alone_on(self, state: State, linear: LinearRows, hypothesis: Hypothesis) -> Hypothesis:
+        """Return a hypothesis at a state, all other effects left out."""
         found = {key: form for key, form in self.library.forms.items() if key in hypothesis.keys}
-        problem = self._problem(state, state.linear, replace(self.library, forms=found))
-        return state, hypothesis.on(problem).settled(), moved
+        return hypothesis.on(self._problem(state, linear, replace(self.library, forms=found)))
+
+    def of_every_row(self, state: LinearState, hypothesis: Hypothesis) -> Hypothesis:
+        """Return what was found in the fitted rows with those held out among them, all other effects left out."""
+        return self._alone_on(state, state.every_row, hypothesis)
 
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
         """Search at a state that nothing was found at."""

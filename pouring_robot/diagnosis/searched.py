@@ -15,7 +15,7 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import gross_errors
+from pouring_robot.inference.gross_errors import calm, gross_errors, standing_out
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import Indices
 
@@ -109,9 +109,17 @@ class Searched:
 
     @property
     def gross_errors(self) -> Indices:
-        """The rows that nothing explains, by index in the campaign."""
-        given, hypothesis = self.diagnoser.rows.conditions, self.hypothesis
-        residuals = hypothesis.remainder, hypothesis.deletion_residual
-        courses, row = (poses(given), given.time_s[:, None]), self.after.fitted_rows.row
-        more = gross_errors(residuals, row, self.diagnoser.fitted, self.asked.left_out.size, courses)
+        """The rows that nothing explains, those held out among them, by index in the campaign."""
+        given, every = self.diagnoser.rows.conditions, self.diagnoser.of_every_row(self.after, self.hypothesis)
+        residuals, courses = (every.remainder, every.deletion_residual), (poses(given), given.time_s[:, None])
+        gone = self.asked.left_out.size
+        more = gross_errors(residuals, self.after.every_row.row, gone, courses)
+        if not more.size and not self.calm:  # and what was found is nothing to go by
+            rest = self.diagnoser.at_rest().every_row
+            more = standing_out(rest.residual, rest.row, gone, len(self.diagnoser.rows))
         return self.asked.inliers[more]
+
+    @property
+    def calm(self) -> bool:
+        """Whether what it leaves of most of the fitted rows is noise, or little more."""
+        return calm(self.hypothesis.remainder)

@@ -4,8 +4,7 @@ Found here after a search, they are left out and it is searched again (``diagnos
 are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
 """
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +32,8 @@ def calm(left: FloatArray) -> bool:
 
 
 def gross_errors(
-    residuals: tuple[FloatArray, FloatArray],
+    residuals: Iterable[FloatArray],
     row: NDArray[np.intp],
-    fitted: NDArray[np.bool_],
     gone: int,
     courses: Sequence[FloatArray],
 ) -> NDArray[np.intp]:
@@ -44,36 +42,45 @@ def gross_errors(
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
     out: rows count by what nine tenths of them stay below, in what is left or else in deletion residuals. Up to the
     last tenth may be wrong; where they are more than a few they must be scattered, as something unknown comes in some
-    place or for some time. Where the rest is not calm, as gross errors kept its causes from being found, long tails of
-    these hide them among the last tenth: a few may then stand out of the better half.
+    place or for some time.
 
     Args:
-        residuals: what nothing explains of the fitted rows, in units of the noise, and their deletion residuals, (m,).
-        row: row of each of these, (m,), of all n.
-        fitted: which rows are fitted, (n,).
+        residuals: what nothing explains of n rows, in units of the noise, and their deletion residuals, (m,).
+        row: row of each of these, (m,).
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
     """
-    level, most = _TOGETHER / len(courses), (1.0 - _SHARE) * len(fitted)
-    left_over, deleted = residuals
-    shares = (_SHARE,) if calm(left_over) else (_SHARE, _HALF)
-    for share, left in itertools.product(shares, (left_over, deleted)):
-        wrong = np.flatnonzero(_beyond(left, row, fitted, share))
+    level, rows = _TOGETHER / len(courses), len(courses[0])
+    for left in residuals:
+        wrong = np.flatnonzero(_beyond(left, row, rows, _SHARE))
         count = wrong.size + gone
-        few, many = count <= max(_FEW, int(_FEW_SHARE * len(fitted))), share == _SHARE and count <= most
-        if wrong.size and (few or (many and all(_together(wrong, c) >= level for c in courses))):
+        scattered = count <= (1.0 - _SHARE) * rows and all(_together(wrong, c) >= level for c in courses)
+        if wrong.size and (count <= _few(rows) or scattered):
             return wrong
     return np.zeros(0, dtype=np.intp)
 
 
-def _beyond(left: FloatArray, row: NDArray[np.intp], fitted: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
+def standing_out(left: FloatArray, row: NDArray[np.intp], gone: int, rows: int) -> NDArray[np.intp]:
+    """Return a few rows that stand out of the better half where gross errors may have kept causes from being found.
+
+    What causes do that are not found yet has long tails, among which nine tenths of the rows tell of none. ``left`` is
+    what the given model leaves, in units of the noise, (m,); else as :func:`gross_errors`.
+    """
+    wrong = np.flatnonzero(_beyond(left, row, rows, _HALF))
+    return wrong if wrong.size + gone <= _few(rows) else np.zeros(0, dtype=np.intp)
+
+
+def _few(rows: int) -> int:
+    return max(_FEW, int(_FEW_SHARE * rows))
+
+
+def _beyond(left: FloatArray, row: NDArray[np.intp], rows: int, share: float) -> NDArray[np.bool_]:
     """Return which rows are far beyond what a share of them stays below, (n,)."""
-    worst = np.zeros(len(fitted))
+    worst = np.zeros(rows)
     np.maximum.at(worst, row, np.abs(left))
-    components = len(left) / fitted.sum()
     # The largest of so many normal values stays below this in that share of rows.
-    usual = float(ndtri(0.5 + 0.5 * share ** (1.0 / components)))
-    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst[fitted], share)) / usual))
+    usual = float(ndtri(0.5 + 0.5 * share ** (rows / len(left))))
+    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst, share)) / usual))
 
 
 def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:

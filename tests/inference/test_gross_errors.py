@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.gross_errors import _together, gross_errors
+from pouring_robot.inference.gross_errors import _together, gross_errors, standing_out
 
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
 
@@ -14,7 +14,7 @@ def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
     left = noise * rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] = off
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors((left.ravel(),) * 2, rows, np.ones(COUNT, dtype=bool), gone, places).tolist()
+    return gross_errors([left.ravel()], rows, gone, places).tolist()
 
 
 @pytest.fixture
@@ -47,17 +47,14 @@ def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
 
 
 def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_better_half(places):
-    """Of a fifth of the rows causes leave much more; of rows that are calm none is taken."""
-    left = np.tile([1.0, -1.0], (COUNT, COMPONENTS // 2))
+    """Of a fifth of the rows causes do much more."""
+    left = np.tile([3.0, -3.0], (COUNT, COMPONENTS // 2))
     left[::5] *= 3.5
-    left[[7, 61], 1] = 7.0
-    rows, fitted = np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool)
-
-    def found(factor):
-        return gross_errors((factor * left.ravel(),) * 2, rows, fitted, 0, places).tolist()
-
-    assert found(3.0) == [7, 61]
-    assert found(1.0) == []
+    left[[7, 61], 1] = 21.0
+    rows = np.repeat(np.arange(COUNT), COMPONENTS)
+    assert gross_errors([left.ravel()], rows, 0, places).size == 0
+    assert standing_out(left.ravel(), rows, 0, COUNT).tolist() == [7, 61]
+    assert standing_out(left.ravel(), rows, 3, COUNT).size == 0, "with those that are left out already"
 
 
 def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
@@ -78,10 +75,9 @@ def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_o
     """Rows that lie together in the one are no reason not to see a single one in the other."""
     rows, (left, deleted) = np.repeat(np.arange(COUNT), COMPONENTS), rng.normal(size=(2, COUNT, COMPONENTS))
     deleted[40:49, 2] += OFF
-    fitted = np.ones(COUNT, dtype=bool)
 
     def found():
-        return gross_errors((left.ravel(), deleted.ravel()), rows, fitted, 0, places).tolist()
+        return gross_errors((left.ravel(), deleted.ravel()), rows, 0, places).tolist()
 
     assert found() == []
     left[7, 0] += OFF
