@@ -15,7 +15,7 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import calm, gross_errors, standing_out
+from pouring_robot.inference.gross_errors import HALF, calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import Indices
 
@@ -116,7 +116,7 @@ class Searched:
         more = gross_errors(residuals, self.after.every_row.row, gone, courses)
         if not more.size and not self.calm:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
-            more = standing_out(rest.residual, rest.row, gone, len(self.diagnoser.rows))
+            more = gross_errors([rest.residual], rest.row, gone, courses, HALF)
         return self.asked.inliers[more]
 
     @property

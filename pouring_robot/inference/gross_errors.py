@@ -18,7 +18,8 @@ _SIGMAS = 6.5
 _FEW_SHARE, _FEW = 0.04, 2
 """So few rows, or so many of a small campaign, are single ones wherever they are."""
 _CALM = 1.5
-_SHARE, _HALF = 0.9, 0.5
+NINE_TENTHS, HALF = 0.9, 0.5
+"""Shares of the rows, by what they stay below rows count."""
 _TOGETHER = 0.01
 """Probability, over all courses, that scattered rows are taken for rows that lie together."""
 
@@ -36,42 +37,31 @@ def gross_errors(
     row: NDArray[np.intp],
     gone: int,
     courses: Sequence[FloatArray],
+    share: float = NINE_TENTHS,
 ) -> NDArray[np.intp]:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
     out: rows count by what nine tenths of them stay below, in what is left or else in deletion residuals. Up to the
     last tenth may be wrong; where they are more than a few they must be scattered, as something unknown comes in some
-    place or for some time.
+    place or for some time. Where gross errors may have kept causes from being found, what the given model leaves is
+    asked by the better half: what these causes do has long tails, of which nine tenths of the rows say nothing.
 
     Args:
         residuals: what nothing explains of n rows, in units of the noise, and their deletion residuals, (m,).
         row: row of each of these, (m,).
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
+        share: of the rows, by what they stay below rows count.
     """
     level, rows = _TOGETHER / len(courses), len(courses[0])
     for left in residuals:
-        wrong = np.flatnonzero(_beyond(left, row, rows, _SHARE))
+        wrong = np.flatnonzero(_beyond(left, row, rows, share))
         count = wrong.size + gone
-        scattered = count <= (1.0 - _SHARE) * rows and all(_together(wrong, c) >= level for c in courses)
-        if wrong.size and (count <= _few(rows) or scattered):
+        few, most = count <= max(_FEW, int(_FEW_SHARE * rows)), (1.0 - NINE_TENTHS) * rows
+        if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
             return wrong
     return np.zeros(0, dtype=np.intp)
-
-
-def standing_out(left: FloatArray, row: NDArray[np.intp], gone: int, rows: int) -> NDArray[np.intp]:
-    """Return a few rows that stand out of the better half where gross errors may have kept causes from being found.
-
-    What causes do that are not found yet has long tails, among which nine tenths of the rows tell of none. ``left`` is
-    what the given model leaves, in units of the noise, (m,); else as :func:`gross_errors`.
-    """
-    wrong = np.flatnonzero(_beyond(left, row, rows, _HALF))
-    return wrong if wrong.size + gone <= _few(rows) else np.zeros(0, dtype=np.intp)
-
-
-def _few(rows: int) -> int:
-    return max(_FEW, int(_FEW_SHARE * rows))
 
 
 def _beyond(left: FloatArray, row: NDArray[np.intp], rows: int, share: float) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.gross_errors import _together, gross_errors, standing_out
+from pouring_robot.inference.gross_errors import HALF, _together, gross_errors
 
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
 
@@ -53,8 +53,7 @@ def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_bette
     left[[7, 61], 1] = 21.0
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
     assert gross_errors([left.ravel()], rows, 0, places).size == 0
-    assert standing_out(left.ravel(), rows, 0, COUNT).tolist() == [7, 61]
-    assert standing_out(left.ravel(), rows, 3, COUNT).size == 0, "with those that are left out already"
+    assert gross_errors([left.ravel()], rows, 0, places, HALF).tolist() == [7, 61]
 
 
 def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
