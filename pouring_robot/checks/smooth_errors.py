@@ -28,6 +28,7 @@ from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 ROWS_PER_TERM = 4  # rows that a term of a smooth function needs
 TELLING_ROWS = 1000  # many times the errors of joints there are
 _RIDGE = 1e-3
+_STILL = 1e-4  # by which weights of 1 move at most in a last step: residuals then move by as little of their scale
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
 _GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
 _SLOW = ("time", "temperature")
@@ -247,16 +248,18 @@ def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Flo
     known = np.isfinite(values) & np.isfinite(terms).all(axis=1)
     design, target = terms[known], values[known]
     weight, ridge = np.ones(len(design)), _RIDGE * np.eye(design.shape[1])
-    for step in range(20):
-        weighted = design * weight[:, None]
-        inverse = np.linalg.inv(weighted.T @ design + ridge)
-        leverage = ((design @ inverse) * weighted).sum(axis=1)
-        coefficients = inverse @ (weighted.T @ target)
-        left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
-        scale = max(robust_sigma(left), floor)
-        size = np.abs(left) / scale
-        # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
-        weight = huber_weights(size) if step < 8 else tukey_weights(size)
+    # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
+    for weights_of, steps in ((huber_weights, 8), (tukey_weights, 12)):
+        for _ in range(steps):
+            weighted = design * weight[:, None]
+            inverse = np.linalg.inv(weighted.T @ design + ridge)
+            leverage = ((design @ inverse) * weighted).sum(axis=1)
+            coefficients = inverse @ (weighted.T @ target)
+            left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
+            scale = max(robust_sigma(left), floor)
+            before, weight = weight, weights_of(np.abs(left) / scale)
+            if np.abs(weight - before).max(initial=0.0) < _STILL:
+                break
     full = np.full(values.size, np.nan)
     full[known] = left
     return coefficients, full, scale
