@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.io.given import expect
+from pouring_robot.io.tables import LARGEST
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns, numbers
 from pouring_robot.mechanism.joint_types import unit_of
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopSpec, LoopStiffness
@@ -376,4 +377,5 @@ class ClosedChainMechanism:
     def _limits(self) -> dict[str, tuple[float, float]]:
         lower, upper = self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit
         edges = {name: (float(lower[k]), float(upper[k])) for name, k, count, _ in self._moving if count == 1}
-        return {name: pair for name, pair in edges.items() if np.isfinite(pair).all()}
+        # Programs that draw robots write 1e16 where there is none.
+        return {name: pair for name, pair in edges.items() if np.abs(pair).max() <= LARGEST}

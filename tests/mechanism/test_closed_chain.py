@@ -130,6 +130,12 @@ def test_joint_values_go_in_and_come_out():
     assert mechanism.joint_limits() == dict.fromkeys(("a_j1", "b_j1", "b_j2"), (-3.2, 3.2))
 
 
+def test_limits_that_only_say_that_there_are_none_are_none():
+    urdf = FIVE_BAR.replace('lower="-3.2" upper="3.2"', 'lower="-1e+16" upper="1e+16"', 1)
+    limits = ClosedChainMechanism(urdf, LoopsFile(drives=("a_j1", "b_j1"), loops=(LOOP,))).joint_limits()
+    assert {*limits} == {"a_j2", "b_j1", "b_j2"}
+
+
 def test_bad_joint_values():
     mechanism = five_bar()
     neutral = mechanism.neutral_configuration()
