@@ -24,6 +24,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
+from pouring_robot import __version__
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.compensation.pose import LOCKED, MOST_STEPS, least_commanded
 from pouring_robot.exceptions import NoSolutionError
@@ -182,6 +183,8 @@ class Controller(ReadOnly, Result):
     """Polynomials that give drives for wanted poses, and how far off they are."""
 
     frame: str  # whose position is brought to where it is wanted
+    robot: str  # which robot it is made for, in words
+    heat: str  # and how warm that is
     lower: FloatArray  # corners of the box of wanted poses: x, y, z in m, tilt in rad, shape (4,)
     upper: FloatArray
     # of Chebyshev polynomials over the box, for what is added to each drive, shape (4, *POINTS)
@@ -226,7 +229,7 @@ class Controller(ReadOnly, Result):
             return "{" + ",\n".join(listed(part) for part in array) + "}"
 
         template = jinja2.Template(_HEADER.read_text(encoding="utf-8"), keep_trailing_newline=True)
-        return str(template.render(controller=self, points=POINTS, listed=listed))
+        return str(template.render(controller=self, points=POINTS, listed=listed, version=__version__))
 
 
 def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:
@@ -248,7 +251,9 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
         inverse = np.linalg.inv(chebyshev.chebvander(points, len(points) - 1))
         added = np.moveaxis(np.tensordot(inverse, added, axes=(1, axis)), 0, axis)
     coefficients, centres = np.moveaxis(added, -1, 0), (kinematics.fixed_centres_m, kinematics.moving_centres_m)
-    made = Controller(search.frame, lower, upper, coefficients, *centres, np.zeros(4), 0.0, 0.0, 0)
+    model = heated.robot.model
+    made_for = f"layout {model.layout}, {f'model file {model.file}' if model.file else 'no model file'}", heated.told()
+    made = Controller(search.frame, *made_for, lower, upper, coefficients, *centres, np.zeros(4), 0.0, 0.0, 0)
 
     def errors(scaled: FloatArray) -> FloatArray:
         """Return errors of drives, place and tilt, (n, 6), at places in the box from -1 to 1, (n, 4)."""

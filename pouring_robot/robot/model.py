@@ -185,6 +185,11 @@ class RobotModel(StrictModel):
         return yaml_text(content, default_flow_style=None)
 
     @property
+    def file(self) -> Path | None:
+        """The model file it was read from, as that was named; None if it was not."""
+        return self._file
+
+    @property
     def layouts_path(self) -> Path | None:
         """The dimensions file in use, or None for the shipped one."""
         return self._folder / self.layouts_file if self.layouts_file else None

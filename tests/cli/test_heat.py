@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 from PIL import Image
 
-from pouring_robot import sweep
+from pouring_robot import __version__, sweep
+from pouring_robot.compensation import path
 from pouring_robot.report.plots import new_figure
 from pouring_robot.robot.export.closed_robot import configured
 from pouring_robot.robot.heat_section import HeatSection
@@ -258,9 +259,27 @@ def test_compensate_at_once_and_as_a_header(run, tmp_path):
             float(row[k]) == pytest.approx(float(same[k]), abs=1e-9) for k in ("q1_mm", "q2_mm", "q3_mm", "q4_rad")
         )
     assert run("compensate", "--model", ACTUAL, "--header", "c.h")[0] == 0
-    assert "pouring_robot_compensate" in (tmp_path / "c.h").read_text(encoding="utf-8")
+    header = (tmp_path / "c.h").read_text(encoding="utf-8")
+    assert "pouring_robot_compensate" in header
+    for words in ("Robot: layout paper, model file", "actual.yaml.", "Heat: none, the robot is as warm"):
+        assert words in header
     for wrong in (["--at-once"], [POSES, "--header", "d.h"]):
         assert run("compensate", *wrong)[0] == 2
+
+
+def test_a_header_and_the_terminal_say_which_robot_and_heat_they_are_for(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(path, "POINTS", (2, 2, 2, 2))
+    model = tmp_path / "of*" / "hot.yaml"
+    model.parent.mkdir()
+    model.write_text(HEAT, encoding="utf-8")
+    heat = "melt 1700, surroundings 60 degC, 45 min after the melt came; measured instead: leg1 210.5 degC"
+    warm = ("--melt-degC", "1700", "--ambient-degC", "60")
+    assert f"heat: {heat}" in run("compensate", "--model", "of*/hot.yaml", *warm, "--header", "hot.h")[1]
+    header = (tmp_path / "hot.h").read_text(encoding="utf-8")
+    for words in ("model file of* /hot.yaml.", f"Heat: {heat}.", f"Made by pouring_robot {__version__}."):
+        assert words in header
+    out = run("compensate", POSES, "--at-once", "--melt-degC", "1650")[1]
+    assert "heat: melt 1650, surroundings 20 degC, steady" in out
 
 
 def test_compensate_a_path_into_a_file(run, tmp_path, two_poses):

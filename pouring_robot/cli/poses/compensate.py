@@ -201,6 +201,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
         return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
     options.say(headline, style="bold")
+    options.say(f"heat: {heated.told()}")
     if not written:
         print_rows(list(table.columns), [_cells(row) for row in table.to_numpy().tolist()])
     options.print_written(written)

@@ -189,18 +189,10 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
     """Return on one line how warm the robot is."""
-    if heated.heat is None or state.field is None:
-        return "heat: none, the robot is as warm as the drawing"
-    melt, ambient = heated.temperatures_degC
-    minutes = heated.heat.after_min
-    when = "steady" if minutes is None else f"{minutes:g} min after the melt came"
+    if state.field is None:
+        return f"heat: {heated.told()}"
     legs = "  ".join(f"{value:.0f}" for value in state.field.leg_degC)
-    line = f"heat: melt {melt:g}, surroundings {ambient:g} degC, {when}; legs 1-4 {legs}, platform "
-    line += f"{state.field.platform_degC:.0f} degC"
-    if heated.heat.measured_degC:
-        measured = ", ".join(f"{part} {value:g}" for part, value in heated.heat.measured_degC.items())
-        line += f" computed; measured instead: {measured} degC"
-    return line
+    return f"heat: {heated.told(f'legs 1-4 {legs}, platform {state.field.platform_degC:.0f} degC')}"
 
 
 def alone_line(heat: HeatSection) -> str:

@@ -190,6 +190,21 @@ class HeatedRobot:
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
+    def told(self, computed: str = "") -> str:
+        """Return in words how warm it is, and what is ``computed`` of parts, if anything."""
+        if self.heat is None:
+            return "none, the robot is as warm as the drawing"
+        melt, ambient = self.temperatures_degC
+        minutes, measured = self.heat.after_min, self.heat.measured_degC
+        when = "steady" if minutes is None else f"{minutes:g} min after the melt came"
+        said = [f"melt {melt:g}, surroundings {ambient:g} degC, {when}"]
+        if computed:
+            said.append(f"{computed} computed" if measured else computed)
+        if measured:
+            parts = ", ".join(f"{part} {value:g}" for part, value in measured.items())
+            said.append(f"measured instead: {parts} degC")
+        return "; ".join(said)
+
     @property
     def after_s(self) -> float | None:
         """How long the melt has been there; None: until nothing changes any more."""
