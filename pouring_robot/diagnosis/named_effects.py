@@ -22,9 +22,11 @@ FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]  # paramet
 
 
 def sure_text(probability: float) -> str:
-    """Return a probability in percent."""
+    """Return a probability in percent, from 99 % on with a decimal: a lower rate of false names adds no more."""
     # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
-    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
+    step = 10 if probability >= 0.99 else 100
+    shown = round(1e4 * probability) // step * step / 100
+    return "more than 99.9 % sure" if probability > 0.999 else f"{shown:g} % sure"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

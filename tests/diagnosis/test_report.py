@@ -71,6 +71,7 @@ def test_the_page_is_whole_and_needs_no_other_file(hot, page):
     assert page.rstrip().endswith("</html>")
     assert not re.findall(r"(?:src|href)='(?!data:)", page)
     assert hot.headline in page.replace("&#x27;", "'")
+    assert "No probability is above 1 - 0.01, " in page, "what bounds it"
     for tag in ("h2", "h3", "ul", "li", "table", "details", "figure"):
         assert page.count(f"<{tag}") == page.count(f"</{tag}>"), tag
 

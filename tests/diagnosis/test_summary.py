@@ -451,7 +451,7 @@ def test_what_each_row_leaves_over_makes_the_gap(hot):
     assert np.isnan(found.residual_after.where(found.used == "left out", drop=True)).all()
     assert repr(effect).startswith(f"<NamedEffect: leg_thermal_expansion, {effect.cause.form}, ")
     sure = replace(effect, cause=replace(effect.cause, probability=0.9986))
-    assert repr(sure).endswith(", 99 % sure>")
+    assert repr(sure).endswith(", 99.8 % sure>")
     assert len(repr(effect.parameters[0])) < 300
 
 
@@ -527,7 +527,14 @@ def test_what_stands_still_is_marked_too_where_held_out_rows_speak_against_it(di
 
 @pytest.mark.parametrize(
     ("probability", "words"),
-    [(0.9995, "more than 99.9 % sure"), (0.9986, "99 % sure"), (0.99 - 1e-9, "99 % sure"), (0.5, "50 % sure")],
+    [
+        (1.0 - 1e-12, "more than 99.9 % sure"),
+        (0.999, "99.9 % sure"),
+        (0.9986, "99.8 % sure"),
+        (0.99 - 1e-9, "99 % sure"),
+        (0.58, "58 % sure"),
+        (0.5, "50 % sure"),
+    ],
 )
 def test_nobody_is_a_hundred_percent_sure(probability, words):
     assert sure_text(probability) == words

@@ -49,6 +49,10 @@ def html_report(
         blocks += [Heading(heading[0].upper() + heading[1:]), Lines(lines)]
     effects = (*diagnosis.firm, *diagnosis.nearest)
     blocks += [Heading("Parameters")] if effects else []
+    if effects and diagnosis.verdict != "unknown":
+        rate = diagnosis.diagnoser.asked.false_names
+        bound = f"No probability is above 1 - {rate:g}, by the accepted rate of false names (--false-names)"
+        blocks.append(Paragraph(f"{bound}: something that the library lacks may be at work."))
     for effect in effects:
         blocks += _effect(diagnosis, effect)
     blocks += [Heading("Pictures"), *others]
