@@ -57,8 +57,12 @@ def _put(given: Path, content: bytes | str) -> Path:
     return given
 
 
-def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True) -> list[Path]:
+def write_together(
+    files: Mapping[Path, bytes | str], *, overwrite: bool = True, earlier: Iterable[Path] = ()
+) -> list[Path]:
     """Write several files, all or none, and return them in order; folders that are missing are made.
+
+    What an ``earlier`` answer left and this one does not write goes with what is replaced.
 
     All are written beside their places before the first is put there; files of a folder that is missing appear with it,
     in one step, so that even a killed process leaves all or none of them. If anything fails, Ctrl-C included, what is
@@ -68,7 +72,8 @@ def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True)
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
     """
-    refuse_present(files, overwrite=overwrite)
+    stale = [path for path in earlier if path not in files and path.is_file()]
+    refuse_present([*files, *stale], overwrite=overwrite)
     hidden: dict[Path, Path] = {}  # by the file or folder that it is to become
     before: dict[Path, bytes] = {}
     with ExitStack() as stack:
@@ -95,14 +100,18 @@ def write_together(files: Mapping[Path, bytes | str], *, overwrite: bool = True)
                     if place.is_file():
                         before[place] = place.read_bytes()
                     whole.replace(_target(place))
+            for path in stale:
+                with _told(path):
+                    before[path] = path.read_bytes()
+                    path.unlink()
             for path in files:
                 if _is_stream(path):
                     _put(path, files[path])
         except BaseException:
+            for place, content in before.items():
+                _put(place, content)
             for place, whole in hidden.items():
-                if place in before:
-                    _put(place, before[place])
-                elif not whole.exists():
+                if place not in before and not whole.exists():
                     with suppress(FileNotFoundError):  # somebody has taken it away already
                         place.resolve().rename(whole)
             raise

@@ -1,5 +1,6 @@
 """The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
 
+import copy
 import os
 import pickle
 import re
@@ -238,6 +239,16 @@ def test_everything_is_written_and_the_model_comes_back(hot, written):
     assert [e.effect for e in model.effects] == [e.effect for e in hot.amended.effects]
     assert model.description.startswith("NAMED")
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
+
+
+def test_what_only_an_earlier_diagnosis_had_goes_with_it(hot, written, monkeypatch, undrawn, tmp_path):
+    folder = shutil.copytree(written[0], tmp_path / "out")
+    (folder / "notes.txt").write_text("a person's")
+    without = copy.copy(hot)
+    without.__dict__["suggestion"] = replace(hot.suggestion, measurements=())
+    monkeypatch.setattr("pouring_robot.diagnosis.report.scene.ladle_scene", lambda _: None)
+    write_diagnosis(without, folder, overwrite=True)
+    assert {path.name for path in folder.iterdir()} == {*NAMES, "notes.txt"} - {"ladles.html", "next.csv"}
 
 
 def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch, undrawn):

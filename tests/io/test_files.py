@@ -132,6 +132,28 @@ def test_files_that_were_put_in_place_are_taken_back(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
 
 
+@pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), KeyboardInterrupt()])
+def test_files_of_an_earlier_answer_go_with_it_or_stay_with_it(tmp_path, monkeypatch, error):
+    one, other, never = (tmp_path / name for name in ("one.txt", "other.txt", "never.txt"))
+    unlink = Path.unlink
+    write_together({one: "old", other: "old"})
+
+    def fails(self, missing_ok=False):
+        if self == other:
+            raise error
+        unlink(self, missing_ok)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "unlink", fails)
+        with pytest.raises((OutputError, KeyboardInterrupt)):
+            write_together({one: "new"}, earlier=[one, other, never])
+    assert [path.read_text() for path in (one, other)] == ["old", "old"]
+    with pytest.raises(OutputError, match=r"other\.txt: it is there already"):
+        write_together({tmp_path / "new.txt": "new"}, overwrite=False, earlier=[other, never])
+    assert write_together({one: "new"}, earlier=[one, other, never]) == [one]
+    assert [path.name for path in tmp_path.iterdir()] == ["one.txt"]
+
+
 def test_a_new_folder_appears_with_all_its_files_or_not_at_all(tmp_path, monkeypatch):
     """At no moment, not even that of a kill, is a part of them seen."""
     seen, write = [], os.fsync

@@ -18,14 +18,15 @@ from pouring_robot.io.units import MM
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.robot.model import RobotModel
 
-METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"
+_NAMES = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"
+METRICS, MODEL, REPORT, LADLES, NEXT = _NAMES
 
 
 def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position, and of any robot without a ladle; ``next.csv`` where
-    nothing is to be measured next. The folder is made if it is not there.
+    nothing is to be measured next; that of an earlier diagnosis goes. The folder is made if it is not there.
 
     Raises:
         OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
@@ -53,7 +54,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     links = {words: name for name, words in with_it.items() if folder / name in files or name == METRICS}
     files[folder / REPORT] = html_report(diagnosis, pictures, links)
     files[folder / METRICS] = json_text(metrics)
-    return write_together(files, overwrite=overwrite)
+    return write_together(files, overwrite=overwrite, earlier=[folder / name for name in _NAMES])
 
 
 def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
