@@ -15,6 +15,7 @@ from pouring_robot.report.plots import new_figure
 from pouring_robot.robot.export.closed_robot import configured
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 from tests.support import ACTUAL, ROOT
@@ -265,6 +266,13 @@ def test_compensate_at_once_and_as_a_header(run, tmp_path):
         assert words in header
     for wrong in (["--at-once"], [POSES, "--header", "d.h"]):
         assert run("compensate", *wrong)[0] == 2
+
+
+def test_help_says_how_warm_what_is_not_said_is(run):
+    shipped = load_thermal_properties()
+    help_page = " ".join(run("pose", "--help")[1].split())
+    for what, entry in (("melt", shipped.melt), ("surroundings", shipped.ambient)):
+        assert f"Temperature of the {what} (default: the model file's or {entry.temperature.value:g})" in help_page
 
 
 def test_a_header_and_the_terminal_say_which_robot_and_heat_they_are_for(run, tmp_path, monkeypatch):

@@ -219,10 +219,20 @@ class Melt:
     """How warm it is."""
 
     melt_degC: Annotated[
-        float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")
+        float | None,
+        opt(
+            "Temperature of the melt (default: the model file's or 1700); warms the robot.",
+            "--melt-degC",
+            metavar="T",
+        ),
     ] = None
     ambient_degC: Annotated[
-        float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")
+        float | None,
+        opt(
+            "Temperature of the surroundings (default: the model file's or 20); warms the robot.",
+            "--ambient-degC",
+            metavar="T",
+        ),
     ] = None
     steady: Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")] = False
     after_min: Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")] = (
