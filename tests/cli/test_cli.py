@@ -229,6 +229,24 @@ def test_page_and_picture_are_written(run, tmp_path):
     assert "<html" in (tmp_path / "view.html").read_text(encoding="utf-8").lower()
 
 
+def test_a_place_in_another_unit_is_told_with_its_fault(run, tmp_path):
+    arm = ["--robot", ROOT / "examples" / "machines" / "ur10" / "robot.yaml"]
+    (tmp_path / "p.csv").write_text("x_m,y_m,z_m,tilt_deg\n-100,20,-600,17\n", encoding="utf-8")
+    larger, smaller = (f"; with x, y, z {factor} times as large it is in reach: mm or m?" for factor in (1000, 0.001))
+    for hint, command in (
+        (larger, ["pose", "--at-mm", "-0.1", "0.02", "-0.6"]),
+        (larger, ["compensate", "--at-mm", "-0.1", "0.02", "-0.6", "--melt-degC", "1700"]),
+        (smaller, ["path", "p.csv", "--steady"]),
+        (smaller, ["pose", "--at-mm", "300000", "200000", "400000", *arm]),
+    ):
+        code, out, err = run(*command)
+        assert (code, out) == (3, "") and "out of reach" in err
+        assert err.endswith(f"{hint}\n") and err.count("\n") == 1
+    for beyond in (["--at-mm", "0", "0", "-3000"], ["--drives", "9000 600 600 0"]):
+        code, _, err = run("pose", *beyond)
+        assert code == 3 and "times as large" not in err
+
+
 def test_help_of_every_command(run):
     code, out, _ = run("--help")
     assert code == 0

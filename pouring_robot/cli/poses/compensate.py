@@ -254,8 +254,14 @@ def _each(
     bring: Callable[[Command, Robot], Found],
 ) -> list[Found]:
     """Return what is found for each command; an error names the line of its table."""
+    from pouring_robot.cli.shared.locations import in_its_unit
+
+    def told(command: Command, standing: Robot) -> Found:
+        with in_its_unit(standing, command):
+            return bring(command, standing)
+
     if under is None:
-        return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", bring)
+        return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", told)
     import numpy as np
 
     from pouring_robot.effects.under import compensate_under
@@ -264,7 +270,7 @@ def _each(
 
     def at(k: int, standing: Robot) -> Found:
         with bundles.at_line(asked.poses, lines[k]):
-            return bring(wanted[lines[k]], standing)
+            return told(wanted[lines[k]], standing)
 
     with progress.stage_bars() as show:
         found = compensate_under(under, list(wanted.values()), at, show)

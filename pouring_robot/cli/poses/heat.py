@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pouring_robot.cli.shared.locations import in_its_unit
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
@@ -111,10 +112,12 @@ class Warmth:
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
         """Find it, and the shares of geometry and heat if they are wanted."""
         if heated is None:
-            return cls(robot, robot.location_of(command))
+            with in_its_unit(robot, command):
+                return cls(robot, robot.location_of(command))
         if not isinstance(command, PlatformPose):
             raise BadInputError("a warm robot is sent to a pose: give --at-mm and --tilt-deg, or --cold")
-        state = heated.locate(command)
+        with in_its_unit(robot, command):
+            state = heated.locate(command)
         loops = state.location.loops
         told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
         return cls(state.robot, state.location, (heated, state), told)

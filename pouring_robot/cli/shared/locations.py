@@ -1,17 +1,25 @@
 """What is said of a ladle's location on the terminal, and what is drawn of it."""
 
+import contextlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from pouring_robot.cli.shared.bundles import Drawing
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
+from pouring_robot.robot.inverse import Target
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.location_figures import rotation_deg
-from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.robot import Command, Robot
 
 
 def _cells(values: Iterable[float], *, sign: bool = False) -> list[str]:
@@ -38,6 +46,22 @@ def print_location(location: Location) -> None:
     seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
     errors = range(2, len(rows), 3)
     print_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad", bold=errors)
+
+
+@contextlib.contextmanager
+def in_its_unit(robot: Robot, command: Command) -> Iterator[None]:
+    """Say of an error where a place that is commanded would be in reach in mm for m, or in m for mm."""
+    try:
+        yield
+    except NoSolutionError as error:
+        posed: Any = command if isinstance(command, PlatformPose | Target) else None
+        for factor in (1e3, 1e-3) if posed else ():
+            other = replace(posed, position_m=factor * np.asarray(posed.position_m))
+            with contextlib.suppress(NoSolutionError):
+                with contextlib.suppress(BadInputError):  # a place that is reached, and leaves other freedoms open
+                    robot.drives_of(other)
+                error.args = (f"{error}; with x, y, z {factor:g} times as large it is in reach: mm or m?",)
+        raise
 
 
 def location_notes(robot: Robot, drawing: Drawing, model_file: Path | None) -> list[str]:
