@@ -34,11 +34,16 @@ def check_conditions(campaign: Campaign, drawing: Drawing, drives: FloatArray) -
 
 
 def wrong_unit(
-    campaign: Campaign, name: str, wrong: str, figures: dict[str, float], severity: Severity | None = None
+    campaign: Campaign,
+    name: str,
+    wrong: str,
+    figures: dict[str, float],
+    severity: Severity | None = None,
+    remedy: str = "",
 ) -> DataFlag:
     """Return the finding that a condition is given in another unit than its heading's."""
     message = f"column '{campaign.heading(name)}' seems to hold {wrong}"
-    return flagged(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity)
+    return flagged(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity, remedy=remedy)
 
 
 def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why: str) -> DataFlag:

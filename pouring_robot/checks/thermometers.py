@@ -1,6 +1,8 @@
 """Checks of temperatures: sensors that hung, jumped or came off, columns exchanged or in another unit.
 
-No hall is hotter than :data:`HOTTEST_HALL_DEGC`, and cold parts have its temperature.
+Cold parts have the hall's temperature, and nothing cools them below it. A hall that reads more than
+:data:`HOTTEST_HALL_DEGC` may be one of 13 °C, told in °F, below which nobody works hard indoors (HSE, Approved Code of
+Practice L24, regulation 7), or stand by a furnace.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,7 +13,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.conditions import known, wrong_unit
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, stuck, where
-from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, IRON_IN_KELVIN, SURROUNDINGS_DEGC
 from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma, runs
 
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
@@ -76,10 +78,8 @@ def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
     No part cools so while most others keep their warmth: their time constants do not differ as much. What a source of
     heat is at is left alone, as its ladle may be lifted off.
     """
-    hall, causes = campaign.conditions.get(columns.AMBIENT), campaign.robot.causes
-    kinds = causes.thermometers if causes else ()
-    sources = {name for kind in kinds if kind.hot_degC is not None for name in kind.members}
-    parts = [name for name in readings(campaign) if name not in (columns.AMBIENT, *sources)]
+    hall, read = campaign.conditions.get(columns.AMBIENT), readings(campaign)
+    parts = [name for name in _warmed(campaign) if name in read]
     if hall is None or len(parts) < 3:  # that others are warm, two must say
         return
     warmth = {name: campaign.conditions[name] - hall for name in parts}
@@ -131,41 +131,38 @@ def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
     hall = campaign.conditions.get(columns.AMBIENT)
-    if hall is None or np.nanmax(hall) <= HOTTEST_HALL_DEGC:
+    if hall is None or (hottest := float(np.nanmax(hall))) <= HOTTEST_HALL_DEGC:
         return
-    for name in _parts(campaign):
-        values = campaign.conditions[name]
-        both = np.isfinite(values) & np.isfinite(hall)
-        mild = values[both].size and COLDEST_HALL_DEGC < values[both].min() < values[both].max() < HOTTEST_HALL_DEGC
-        if mild and np.mean(values[both] < hall[both] - _ALIKE_K) > 0.5 and np.ptp(hall[both]) > np.ptp(values[both]):
-            headings = " and ".join(f"'{campaign.heading(column)}'" for column in (columns.AMBIENT, name))
-            message = (
-                f"columns {headings} seem to be exchanged: the hall would come to {np.nanmax(hall):.0f} °C, and the "
-                f"part stay at {values[both].max():.0f} °C"
-            )
-            yield flagged(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, name))
-            return
+    colder = [name for name in _parts(campaign) if _like_a_hall(campaign.conditions[name], hall)]
+    # A hall that warms is ahead of all parts, too.
+    warms = len(colder) > 1 and hottest <= SURROUNDINGS_DEGC[1] and {*_warmed(campaign)} <= {*colder}
+    if colder and not warms:
+        headings = " and ".join(f"'{campaign.heading(column)}'" for column in (columns.AMBIENT, colder[0]))
+        message = (
+            f"columns {headings} seem to be exchanged: the hall would come to {hottest:.0f} °C, and the part stay at "
+            f"{known(campaign, colder[0]).max():.0f} °C"
+        )
+        yield flagged(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, colder[0]))
+
+
+def _like_a_hall(values: FloatArray, hall: FloatArray) -> bool:
+    """Return whether a part (n,) is mild, mostly colder than the hall, (n,), and varies less."""
+    both = np.isfinite(values) & np.isfinite(hall)
+    part, air = values[both], hall[both]
+    mild = part.size and COLDEST_HALL_DEGC < part.min() < part.max() < HOTTEST_HALL_DEGC
+    return bool(mild and np.mean(part < air - _ALIKE_K) > 0.5 and np.ptp(air) > np.ptp(part))
 
 
 def _units(campaign: Campaign) -> Iterator[DataFlag]:
     hall, parts = campaign.conditions.get(columns.AMBIENT), _parts(campaign)
+    flags = [flag for name in parts for flag in _no_temperature(campaign, name, IRON_IN_KELVIN, Severity.WARNING)]
     if hall is None:
-        # Several parts are not hot and alike by chance; where none is made hot, neither is a single one.
-        if len(parts) > bool(campaign.robot.expected_thermometers):
-            coldest = [float(known(campaign, name).min()) for name in parts]
-            low, high = min(coldest), max(coldest)
-            halls = low + ABSOLUTE_ZERO_DEGC > COLDEST_HALL_DEGC and high + ABSOLUTE_ZERO_DEGC < HOTTEST_HALL_DEGC
-            if halls and high - low < _COLD_K:
-                said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
-                yield wrong_unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
+        yield from flags or _all_in_kelvin(campaign)
         return
-    middle = float(np.nanmedian(hall))
-    for scale, degC in _MISTAKES:
-        if middle > HOTTEST_HALL_DEGC and COLDEST_HALL_DEGC < float(degC(np.array(middle))) < HOTTEST_HALL_DEGC:
-            said = f"{scale} under a heading in °C, as other temperatures may: the hall would be at {middle:.0f} °C"
-            yield wrong_unit(campaign, columns.AMBIENT, said, {"median_degC": middle})
-            return
-    if len(parts) < 3:  # which are cold, two others must say
+    flags += _no_temperature(campaign, columns.AMBIENT, SURROUNDINGS_DEGC[1], Severity.ERROR)
+    flags = flags or list(_hall_in_fahrenheit(campaign, hall))
+    yield from flags
+    if flags or len(parts) < 3:  # which are cold, two others must say
         return
     for name in parts:
         others = [campaign.conditions[other] - hall for other in parts if other != name]
@@ -182,6 +179,45 @@ def _units(campaign: Campaign) -> Iterator[DataFlag]:
                 yield wrong_unit(campaign, name, said, {"median_degC": float(np.median(values))}, Severity.WARNING)
 
 
+def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find parts that begin at one temperature, which in kelvin is a hall's, where none says how warm that is."""
+    parts = _parts(campaign)
+    # Several parts are not hot and alike by chance; where none is made hot, neither is a single one.
+    if len(parts) > bool(campaign.robot.expected_thermometers):
+        coldest = [float(known(campaign, name).min()) for name in parts]
+        low, high = min(coldest), max(coldest)
+        halls = low + ABSOLUTE_ZERO_DEGC > COLDEST_HALL_DEGC and high + ABSOLUTE_ZERO_DEGC < HOTTEST_HALL_DEGC
+        if halls and high - low < _COLD_K:
+            said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
+            yield wrong_unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
+
+
+def _no_temperature(campaign: Campaign, name: str, hottest: float, severity: Severity) -> Iterator[DataFlag]:
+    """Find a column that is colder than any surroundings, or hotter than it can be, given that in °C."""
+    middle, coldest = float(np.median(known(campaign, name))), SURROUNDINGS_DEGC[0]
+    if coldest <= middle <= hottest:
+        return
+    in_kelvin = campaign.heading(name).endswith("_K")
+    meant = middle + (-ABSOLUTE_ZERO_DEGC if in_kelvin else ABSOLUTE_ZERO_DEGC)
+    said = "°C under a heading in K" if in_kelvin else "kelvin under a heading in °C, as other temperatures may"
+    said = f"{said if coldest <= meant <= hottest else 'another unit'}: it would be at {middle:.0f} °C"
+    yield wrong_unit(campaign, name, said, {"median_degC": middle}, severity)
+
+
+def _hall_in_fahrenheit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFlag]:
+    """Find a hall (n,) so hot in °C that °F may be meant; in error where parts are colder, as nothing cools them."""
+    middle, parts = float(np.nanmedian(hall)), _warmed(campaign)
+    if middle <= HOTTEST_HALL_DEGC or campaign.heading(columns.AMBIENT).endswith("_K"):
+        return
+    colder = sum((campaign.conditions[name] < hall - _APART_K for name in parts), np.zeros(hall.size, dtype=int))
+    wrong = np.count_nonzero(2 * colder > len(parts)) >= _FEWEST_COLD
+    said = f"the hall would be at {middle:.0f} °C{', and parts are colder' if wrong else ''}"
+    said = f"degrees Fahrenheit under a heading in °C, as other temperatures may: {said}"
+    remedy = "if so, convert the column; if the hall is so hot, give it in kelvin, as ambient_K"
+    severity = Severity.ERROR if wrong else Severity.WARNING
+    yield wrong_unit(campaign, columns.AMBIENT, said, {"median_degC": middle}, severity, remedy)
+
+
 def readings(campaign: Campaign) -> tuple[str, ...]:
     """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
     given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
@@ -191,3 +227,10 @@ def readings(campaign: Campaign) -> tuple[str, ...]:
 def _parts(campaign: Campaign) -> tuple[str, ...]:
     """Return the thermometers on the robot that were read, moved or not."""
     return tuple(name for name in campaign.robot.thermometers if name in campaign.conditions)
+
+
+def _warmed(campaign: Campaign) -> tuple[str, ...]:
+    """Return those of them that are on no source of heat."""
+    kinds = campaign.robot.causes.thermometers if campaign.robot.causes else ()
+    sources = {name for kind in kinds if kind.hot_degC is not None for name in kind.members}
+    return tuple(name for name in _parts(campaign) if name not in sources)

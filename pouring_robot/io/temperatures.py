@@ -13,6 +13,8 @@ AMBIENT_DEGC = 20.0
 """Of a hall, where no file says otherwise."""
 HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+IRON_IN_KELVIN = 1538.0 + ZERO_CELSIUS_K
+"""Iron's melting point in K. A melt that reads more is rather iron or steel in kelvin than iron 273 °C above it."""
 SURROUNDINGS_DEGC = -90.0, 150.0
 """Colder than any place on Earth (-89.2, Vostok 1983), and hotter than any hall: 20 K and 293 °C lie beyond."""
 

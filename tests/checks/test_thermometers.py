@@ -1,5 +1,7 @@
 """A thermometer that came off, hung or was hardly read is told, and a machine that cools or warms is not accused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,58 @@ def test_a_sensor_that_was_hardly_read_did_not_hang(campaign, every, hung):
     flags = list(check_thermometers(campaign.with_conditions(**warming | {"leg1": one})))
     assert [str(flag.code) for flag in flags] == ["stuck_column"] * hung
     assert all("is 95 wherever it was read, while 4 other" in flag.message for flag in flags)
+
+
+def elsewhere(campaign, change):
+    """Return the campaign in a hall at another temperature, whose parts are as much warmer."""
+    return campaign.with_conditions(**{name: change(campaign.conditions[name]) for name in ("ambient", *PARTS)})
+
+
+def headed_in_kelvin(campaign, name):
+    return dataclasses.replace(campaign, headings={**campaign.headings, name: f"{name}_K"})
+
+
+def units(campaign):
+    flags = [flag for flag in check_thermometers(campaign) if flag.code == "condition_unit"]
+    return [(str(flag.severity), *flag.columns) for flag in flags]
+
+
+@pytest.mark.parametrize("hall_degC, odd", [(50.0, False), (60.0, True), (100.0, True)])
+def test_a_hall_beside_a_furnace_is_odd_and_not_refused(campaign, hall_degC, odd):
+    """Nothing tells it from °F where no part is colder; in kelvin its unit is beyond doubt."""
+    hot = elsewhere(campaign, lambda values: values + hall_degC - HALL)
+    assert units(hot) == [("warning", "ambient_degC")] * odd
+    assert all("ambient_K" in flag.remedy for flag in check_thermometers(hot))
+    assert told(headed_in_kelvin(hot, "ambient")) == []
+
+
+def test_a_hall_in_fahrenheit_is_refused_where_parts_are_colder(campaign):
+    """Nothing cools them."""
+    cooled = {name: 0.1 * (campaign.conditions[name] - HALL) + HALL for name in PARTS}
+    fahrenheit = 1.8 * campaign.conditions["ambient"] + 32.0
+    assert units(campaign.with_conditions(ambient=fahrenheit, **cooled)) == [("error", "ambient_degC")]
+
+
+def test_a_hall_that_warms_faster_than_the_parts_is_not_exchanged_with_one(campaign):
+    warming = np.linspace(45.0, 65.0, len(campaign)) + 0.01 * campaign.conditions["ambient"]
+    lagging = {name: 0.6 * warming + 10.0 + 0.01 * campaign.conditions[name] for name in PARTS}
+    assert {code for code, _ in told(campaign.with_conditions(ambient=warming, **lagging))} <= {"condition_unit"}
+
+
+@pytest.mark.parametrize(
+    ("name", "shift", "in_kelvin", "severity"),
+    [
+        ("ambient", 273.15, False, "error"),
+        ("ambient", -273.15, True, "error"),  # °C under a heading in K
+        ("ambient", 480.0, False, "error"),  # in no unit
+        ("leg2", -273.15, True, "warning"),
+        ("melt", 473.15, False, "warning"),  # steel at 1700 °C
+        ("melt", 200.0, False, None),
+        ("melt", -1480.0, False, None),  # a ladle that is empty or holds water
+    ],
+)
+def test_what_no_hall_and_no_melt_is_at_is_in_another_unit(campaign, name, shift, in_kelvin, severity):
+    read = campaign.with_conditions(melt=1500.0 + campaign.conditions["ambient"] - HALL)
+    wrong = read.with_conditions(**{name: read.conditions[name] + shift})
+    heading = f"{name}_{'K' if in_kelvin else 'degC'}"
+    assert units(headed_in_kelvin(wrong, name) if in_kelvin else wrong) == [(severity, heading)] * bool(severity)
