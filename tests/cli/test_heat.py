@@ -124,6 +124,24 @@ def test_columns_of_conditions_that_change_nothing_are_told(run, tmp_path):
     assert run("path", table, "--quiet")[2] == ""
 
 
+@pytest.mark.parametrize(
+    ("column", "warms"), [("melt_K", True), ("ambient_degC", True), ("leg1_degC", True), ("payload_kg", False)]
+)
+def test_columns_of_temperatures_say_what_warms_the_robot(run, tmp_path, column, warms):
+    table = tmp_path / "warm.csv"
+    table.write_text(f"x_mm,y_mm,z_mm,tilt_deg,{column}\n-100,20,-600,17,300\n")
+    _, _, err = run("path", table)
+    assert (f"depends on {column}" in err, "--ambient-degC warm it" in err) == (True, warms)
+
+
+def test_no_melt_is_said_to_warm_a_robot_that_has_none(run, tmp_path):
+    drives = "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint"
+    table = tmp_path / "warm.csv"
+    table.write_text(f"{drives.replace(',', '_deg,')}_deg,ambient_degC\n10,-40,30,20,10,0,60\n")
+    code, _, err = run("path", table, "--robot", ROOT / "examples" / "machines" / "ur10" / "robot.yaml")
+    assert (code, "depends on ambient_degC" in err, "--ambient-degC" in err) == (0, True, False)
+
+
 def test_a_leg_is_said_to_grow_by_what_the_closure_adds_to_it(run):
     """The closed robot's warm joint values less the commands."""
     code, out, err = run("thermal", *AT, "--json")

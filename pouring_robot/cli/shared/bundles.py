@@ -124,15 +124,19 @@ class Under:
         """
         from pouring_robot.campaign.columns import condition_headings
         from pouring_robot.io.tables import read_table
+        from pouring_robot.io.units import UNITS
+        from pouring_robot.robot.pouring_robot import PouringRobot
 
         if path.is_fifo():
             raise BadInputError(f"{path}: is a pipe, and this table is read more than once; save it as a file")
         known = condition_headings(robot.model.definition)
         found = robot.read_commands(path, known)
-        unused = () if robot.model.conditional else (name for name in read_table(path, "").headings if name in known)
-        if names := ", ".join(unused):
-            warm = "; --melt-degC and --ambient-degC warm it, alike at every pose" if "melt" in names else ""
-            options.note(f"{path}: nothing in the model depends on {names}{warm}")
+        unused = [name for name in read_table(path, "").headings if name in known and not robot.model.conditional]
+        if unused:
+            told = not UNITS["temperature"].keys().isdisjoint(name.rpartition("_")[2] for name in unused)
+            warms = "; --melt-degC and --ambient-degC warm it, alike at every pose"
+            said = warms if told and isinstance(robot, PouringRobot) else ""
+            options.note(f"{path}: nothing in the model depends on {', '.join(unused)}{said}")
         return found
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
