@@ -200,9 +200,9 @@ class Controller(ReadOnly, Result):
     @property
     def headline(self) -> str:
         """How near it comes to what the package finds."""
-        legs, tilt = self.drive_error[:3].max() / MM, self.drive_error[3] / MRAD
+        length, tilt = self.drive_error[:3].max() / MM, self.drive_error[3] / MRAD
         return (
-            f"all over the workspace within {legs:.1e} mm and {tilt:.1e} mrad of the package's drives, by "
+            f"all over the workspace within {length:.1e} mm and {tilt:.1e} mrad of the package's drives, by "
             f"{self.checked} poses; '{self.frame}' comes within {self.place_error_m / MM:.1e} mm and "
             f"{self.tilt_error_rad / MRAD:.1e} mrad"
         )

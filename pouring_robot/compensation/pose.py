@@ -82,12 +82,12 @@ class Compensation(Result):
 
     def row(self) -> dict[str, float]:
         """Return the pose wanted, the drives to command, the pose to command, and what is left."""
-        *legs, tilt_drive = self.drives.values()
+        *lengths_m, tilt_drive = self.drives.values()
         roll, yaw = self.uncontrolled_rad
         *lengths, angle = DRIVE_COLUMNS
         return {
             **{f"wanted_{name}": value for name, value in zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)},
-            **{f"{name}_mm": value / MM for name, value in zip(lengths, legs, strict=True)},
+            **{f"{name}_mm": value / MM for name, value in zip(lengths, lengths_m, strict=True)},
             f"{angle}_rad": tilt_drive,
             **{f"command_{name}": value for name, value in zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)},
             "before_mm": self.before.distance_m / MM,

@@ -1,5 +1,6 @@
 """What README and docs show is so: blocks run, output is as printed, links resolve, commands and paths exist."""
 
+import ast
 import importlib
 import re
 import shutil
@@ -161,6 +162,18 @@ def test_the_rooms_are_listed_in_the_order_of_imports():
         r"^\| `pouring_robot/(\w+)(?:/|\.py)` \|", (ROOT / "docs" / "house.md").read_text(), re.MULTILINE
     )
     assert listed == layers[::-1]
+
+
+def test_no_other_room_names_a_leg():
+    """In its code: help and docstrings may say what is the pouring robot's."""
+    rooms = ("robot/pouring", "thermal")
+    named = re.compile(r"(^|_)legs?\d?(_|$)", re.IGNORECASE)
+    for path in (ROOT / "pouring_robot").rglob("*.py"):
+        if path.relative_to(ROOT / "pouring_robot").as_posix().startswith(rooms):
+            continue
+        fields = (vars(node) for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        words = [one[key] for one in fields for key in ("id", "attr", "arg", "name") if isinstance(one.get(key), str)]
+        assert not [word for word in words if named.search(word)], path
 
 
 @pytest.mark.parametrize(

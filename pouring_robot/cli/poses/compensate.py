@@ -166,10 +166,10 @@ def _print_commands(found: Sequence[Compensation]) -> None:
 
     rows = []
     for one in found:
-        *legs, tilt_drive = one.drives.values()
+        *lengths, tilt_drive = one.drives.values()
         *place, angle = one.command.to_mm_deg()
         wanted = [f"{value:z.1f}" for value in one.wanted.to_mm_deg()]
-        drives = [*(f"{value / MM:.4f}" for value in legs), f"{math.degrees(tilt_drive):z.6f}"]
+        drives = [*(f"{value / MM:.4f}" for value in lengths), f"{math.degrees(tilt_drive):z.6f}"]
         rows.append([*wanted, *drives, *(f"{value:z.3f}" for value in place), f"{angle:z.4f}"])
     drives = [f"{name} {unit}" for name, unit in zip(DRIVE_JOINTS, ("mm", "mm", "mm", "°"), strict=True)]
     options.say("wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)")

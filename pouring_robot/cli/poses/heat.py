@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.units import MM
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
-from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 if TYPE_CHECKING:
@@ -192,10 +191,7 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
     """Return on one line how warm the robot is."""
-    if state.field is None:
-        return f"heat: {heated.told()}"
-    legs = "  ".join(f"{value:.0f}" for value in state.field.leg_degC)
-    return f"heat: {heated.told(f'legs 1-4 {legs}, platform {state.field.platform_degC:.0f} degC')}"
+    return f"heat: {heated.told(state.field.told if state.field else '')}"
 
 
 def alone_line(heat: HeatSection) -> str:
@@ -217,19 +213,14 @@ def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
     if heated.heat is None or state.field is None:
         return {"on": False}
     melt, ambient = heated.temperatures_degC
-    found = state.field
-    computed = dict(zip(LEGS, found.leg_degC.tolist(), strict=True))
-    computed |= {"platform": found.platform_degC, "fixed_platform": found.fixed_platform_degC}
     return {
         "on": True,
         "melt_degC": melt,
         "ambient_degC": ambient,
         "after_min": heated.heat.after_min,
-        "computed_degC": computed,
+        "computed_degC": state.field.mean_degC,
         "measured_degC": heated.heat.measured_degC,
-        "leg_strain": list(state.robot.expansion.leg_strain),
-        "platform_strain": state.robot.expansion.platform_strain,
-        "fixed_platform_strain": state.robot.expansion.fixed_platform_strain,
+        **asdict(state.robot.expansion),
         "temperatures_taken": state.turns,
         "unsettled_mm": state.unsettled_m / MM,
     }

@@ -153,9 +153,9 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops
     configurations = [robot.drawing.configuration_at(campaign.drives[row]) for row in labels]
     places = bodies_at(mechanism.shared_model, configurations)
-    legs = drawn_robot(mechanism, places, "robot", "as drawn", opacity=0.25, tint=GHOST_TINT)
+    drawn = drawn_robot(mechanism, places, "robot", "as drawn", opacity=0.25, tint=GHOST_TINT)
     world = frame_places(mechanism, places[:1], loops.base_frame)[0]  # rails stand at home
-    ladle, rest = _taken_apart(legs.visual, mechanism, str(loops.end_frame))
+    ladle, rest = _taken_apart(drawn.visual, mechanism, str(loops.end_frame))
     if not ladle.ngeoms:
         return None
     rows, tool = np.array(list(labels)), _tool(model)
@@ -186,7 +186,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
                 f"gaps to the {state.name}", tips[None, everywhere], vectors[None, everywhere], shown_with=state.name
             ),
         ]
-    robots.append(dataclasses.replace(legs, visual=rest))
+    robots.append(dataclasses.replace(drawn, visual=rest))
     return Scene(
         title=f"{campaign.path.name}: what was measured, against {' and '.join(state.name for state in states)}",
         robots=tuple(robots),

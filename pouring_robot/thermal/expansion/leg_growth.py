@@ -54,9 +54,7 @@ class ThermalExpansion:
     @classmethod
     def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:
         """Take computed temperatures, and measured means by part where there are any, as :meth:`from_temperatures`."""
-        legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
-        computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
-        return cls.from_temperatures(field.properties, computed | dict(measured_degC or {}))
+        return cls.from_temperatures(field.properties, field.mean_degC | dict(measured_degC or {}))
 
     @classmethod
     def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> Self:

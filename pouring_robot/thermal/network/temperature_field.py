@@ -6,6 +6,7 @@ import numpy as np
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.bodies import Bodies
 from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, grey_radiation
@@ -48,6 +49,18 @@ class TemperatureField:
     def leg_degC(self) -> FloatArray:
         """Mean over the way from upper to lower U-joint centre, shape (4,): the one that lengthens the leg."""
         return np.average(self.leg_elements_degC, axis=1, weights=self.between_joints)
+
+    @property
+    def mean_degC(self) -> dict[str, float]:
+        """Means that lengthen the legs and both platforms, by part."""
+        legs = dict(zip(LEGS, self.leg_degC.tolist(), strict=True))
+        return legs | {"platform": self.platform_degC, "fixed_platform": self.fixed_platform_degC}
+
+    @property
+    def told(self) -> str:
+        """How warm legs and moving platform are, in words."""
+        legs = "  ".join(f"{value:.0f}" for value in self.leg_degC)
+        return f"legs {CHAINS[0]}-{CHAINS[-1]} {legs}, platform {self.platform_degC:.0f} degC"
 
     @property
     def platform_degC(self) -> float:
