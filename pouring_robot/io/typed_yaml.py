@@ -10,7 +10,7 @@ import io
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar, get_args
 
 import pydantic
 from pydantic.fields import FieldInfo
@@ -110,17 +110,19 @@ class Entries(StrictModel):
         return type(self).model_validate, (self.model_dump(exclude_unset=True),)
 
 
-def read_yaml(path: Path | str) -> CommentedMap:
+def read_yaml(path: Path | str, wanted: str = "a YAML file with one") -> CommentedMap:
     """Read a YAML file whose top level is a mapping; who reads it again may get the same parts: leave them as they are.
+
+    ``wanted`` says which file is to be given in the place of one without.
 
     Raises:
         DescriptionError: the file is missing, unreadable, not YAML, has a key twice, or is not a mapping; the message
             names the line.
     """
-    return parse_yaml(read_text(Path(path)), Path(path))
+    return parse_yaml(read_text(Path(path)), Path(path), wanted)
 
 
-def parse_yaml(text: str, path: Path) -> CommentedMap:
+def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> CommentedMap:
     """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
     if text.lstrip().startswith("<") and "<robot" in text:
         raise DescriptionError(path, f"is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it")
@@ -141,7 +143,7 @@ def parse_yaml(text: str, path: Path) -> CommentedMap:
     except RecursionError as problem:
         raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
-        raise DescriptionError(path, "must be a mapping of keys to values at its top level")
+        raise DescriptionError(path, f"must be a mapping of keys to values at its top level; give {wanted}")
     own: CommentedMap = content.copy()  # with the numbers of its lines; what is kept stays as the text has it
     return own
 
@@ -239,7 +241,10 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
             keys = [key for key, field in _known_fields(model, location).items() if field.is_required()]
             said += f", with {' and '.join(keys)}" if keys else ""
         message = f"'{where}': {said}{unit}{given}" if where else said
-    return message + (f" (and {len(others)} more)" if others else ""), line
+    message += f" (and {len(others)} more)" if others else ""
+    if any(one["loc"] == ("format",) for one in others):
+        message += f"; wanted is a file of format: {get_args(model.model_fields['format'].annotation)[0]}"
+    return message, line
 
 
 def validate(model: type[FileModel], content: Mapping[str, Any], path: Path | str) -> FileModel:

@@ -126,7 +126,7 @@ class RobotModel(StrictModel):
     def load(cls, path: Path | str) -> RobotModel:
         """Read a model file, or the drawing of a robot file; raises DescriptionError where something in it is wrong."""
         path = as_path(path)
-        content = read_yaml(path)
+        content = read_yaml(path, "a model file, YAML")
         if content.get("format") == ROBOT_FORMAT:
             return cls.for_robot(path)
         model = validate(cls, content, path)

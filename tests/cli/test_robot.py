@@ -287,6 +287,19 @@ def test_a_urdf_in_place_of_a_robot_file_says_how_to_make_one(run, tmp_path, dec
         assert run("pose", option, path, "--drives", "1") == (2, "", f"pouring-robot: {mend}\n")
 
 
+def test_what_file_is_wanted_is_said_of_any_other(run, tmp_path):
+    (tmp_path / "m.csv").write_text("x_mm,y_mm\n1,2\n", encoding="utf-8")
+    (tmp_path / "m.yaml").write_text("robot: robot.yaml\ndrive_offsets: {}\n", encoding="utf-8")
+    for arguments, says in (
+        (("pose", "--robot", "m.csv"), "at its top level; give a robot file, robot.yaml"),
+        (("pose", "--model", "m.csv"), "at its top level; give a model file, YAML"),
+        (("pose", "--robot", "m.yaml"), " more); wanted is a file of format: pouring_robot/robot/1"),
+        (("robot", "init", "m.csv"), "not found, line 1, column 1; give a URDF or a xacro"),
+    ):
+        code, out, err = run(*arguments, *(["--at-mm", "0", "0", "0"] if arguments[0] == "pose" else []))
+        assert (code, out) == (2, "") and err.endswith(f"{says}\n")
+
+
 def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     series = ROOT / "examples" / "machines" / "ur10" / "series_c.csv"
     code, _, err = run("campaign", "check", series)

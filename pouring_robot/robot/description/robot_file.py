@@ -119,4 +119,4 @@ class RobotFile(StrictModel):
     @classmethod
     def load(cls, path: Path | str) -> Self:
         """Read a robot file; raises DescriptionError where it cannot be read, or a key or value in it is wrong."""
-        return validate(cls, read_yaml(path), path)
+        return validate(cls, read_yaml(path, "a robot file, robot.yaml"), path)

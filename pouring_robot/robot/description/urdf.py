@@ -54,7 +54,8 @@ def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
     try:
         return etree.fromstring(urdf.encode())
     except etree.XMLSyntaxError as error:
-        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
+        wanted = "" if "<" in urdf else "; give a URDF or a xacro"
+        raise DescriptionError(source, f"line {error.lineno}: {error.msg}{wanted}") from error
 
 
 def xml_text(root: etree._Element, *, indented: bool = False) -> str:
