@@ -186,14 +186,20 @@ def _target(given: Path) -> Path:
     if _is_stream(given):  # a pipe without a name, as /dev/stdout may be, resolves to nothing
         return given
     target = given.resolve()
-    if not target.parent.is_dir():
-        raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
+    _require_folder(given.parent, given)
     return target
 
 
 def _is_stream(target: Path) -> bool:
     """Return whether a file that can be written to is a pipe or a device, which has no "whole"."""
     return target.exists() and not target.is_file()
+
+
+def _require_folder(place: Path, given: Path) -> None:
+    if file := next((path for path in (place, *place.parents) if path.is_file()), None):
+        raise OutputError(given, f"{file} is a file; give a folder")
+    if not place.is_dir():
+        raise OutputError(given, f"the folder {place} does not exist; make it first")
 
 
 def _require_access(place: Path, given: Path) -> None:
@@ -246,7 +252,6 @@ def check_folder(folder: Path | str) -> Path:
         if folder.exists() and not folder.is_dir():
             raise OutputError(folder, "it is a file; give a folder")
         place = folder if folder.exists() else folder.absolute().parent
-        if not place.is_dir():
-            raise OutputError(folder, f"the folder {place} does not exist; make it first")
+        _require_folder(place, folder)
         _require_access(place, folder)
     return folder

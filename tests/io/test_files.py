@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io import files
-from pouring_robot.io.files import check_outputs, write_together, write_whole
+from pouring_robot.io.files import check_folder, check_outputs, check_writable, write_together, write_whole
 
 
 def test_writes_text_and_bytes_and_leaves_nothing_else(tmp_path):
@@ -193,6 +193,13 @@ def test_a_way_that_leads_back_out_of_a_missing_folder_is_none(tmp_path):
     with pytest.raises(OutputError):
         write_together({tmp_path / "new" / ".." / "other" / "a.txt": "a"})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_in_the_place_of_a_folder_is_told(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for check in (check_folder, check_writable):
+        with pytest.raises(OutputError, match=r"/file is a file; give a folder$"):
+            check(tmp_path / "file" / "sub")
 
 
 def test_outputs_are_checked_before_the_work(tmp_path):
