@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.io.temperatures import temperature_fault
+from pouring_robot.io.temperatures import IRON_IN_KELVIN, ZERO_CELSIUS_K, temperature_fault
 from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties, load_thermal_properties
 
@@ -23,6 +23,11 @@ def _temperature(value: float, *, surroundings: bool = False) -> float:
     return value
 
 
+def _melt(value: float) -> float:
+    """Refuse what no melt is, and a ladle colder than any surroundings."""
+    return _temperature(value, surroundings=value < 0.0)
+
+
 def _minutes(value: float) -> float:
     if not 0.0 < value <= LONGEST_MIN:
         raise ValueError(f"{value:g} min is no time since the melt came; give more than 0, at most {LONGEST_MIN:g}")
@@ -30,6 +35,7 @@ def _minutes(value: float) -> float:
 
 
 Celsius = Annotated[float, pydantic.AfterValidator(_temperature)]
+Melt = Annotated[float, pydantic.AfterValidator(_melt)]
 Surroundings = Annotated[float, pydantic.AfterValidator(functools.partial(_temperature, surroundings=True))]
 Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 
@@ -37,7 +43,7 @@ Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 class HeatSection(StrictModel):
     """What makes a robot warm."""
 
-    melt_degC: Celsius | None = None  # temperature of the melt; left out: that of the properties
+    melt_degC: Melt | None = None  # temperature of the melt; left out: that of the properties
     ambient_degC: Surroundings | None = None  # temperature of the surroundings; left out: that of the properties
     # how long the melt has been there, everything being as warm as the surroundings before and the pose held; left out:
     # until nothing changes any more (steady)
@@ -79,6 +85,20 @@ class HeatSection(StrictModel):
             raise ValueError(
                 f"properties: {section}.{name} = {entry['value']:g}{unit}: {_first_words(problem)}"
             ) from problem
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What is odd of the melt and cannot be ruled out, in a line each."""
+        properties = self.thermal_properties()
+        melt = properties.melt.temperature.value if self.melt_degC is None else self.melt_degC
+        hall = properties.ambient.temperature.value if self.ambient_degC is None else self.ambient_degC
+        if melt > IRON_IN_KELVIN:
+            odd = f"rather one at {melt - ZERO_CELSIUS_K:g} degC, told in kelvin; check the unit"
+        elif melt < hall:
+            odd = f"colder than the surroundings at {hall:g} degC, and cools the robot; check both"
+        else:
+            return ()
+        return (f"a melt at {melt:g} degC is {odd}",)
 
     def with_values(self, **values: Any) -> Self:
         """Return the section with some values replaced; raises BadInputError where a value is impossible; names it."""

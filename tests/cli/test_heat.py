@@ -219,6 +219,7 @@ def test_a_warm_path(run, as_built, two_poses):
     ("flags", "says"),
     [
         (["--melt-degC", "-300"], "melt_degC: -300 degC lies below absolute zero"),
+        (["--melt-degC", "-200"], "melt_degC: -200 degC is colder than any surroundings"),
         (["--melt-degC", "1e9"], "hotter than any melt"),
         (["--melt-degC", "nan"], "finite number"),
         (["--after-min", "0"], "0 min is no time"),
@@ -230,6 +231,21 @@ def test_nonsense_is_refused_in_one_line(run, command, flags, says):
     code, out, err = run(command, *AT, *flags)
     assert (code, out) == (2, "")
     assert says in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--melt-degC", "1973"], "1973 degC is rather one at 1699.85 degC, told in kelvin"),
+        (["--melt-degC", "-5"], "a melt at -5 degC is colder than the surroundings at 20 degC"),
+        (["--melt-degC", "-5", "--ambient-degC", "-5"], ""),
+        (["--melt-degC", "20"], ""),
+        (["--melt-degC", "1800"], ""),
+    ],
+)
+def test_a_melt_that_is_odd_is_told(run, flags, says):
+    code, _, err = run("pose", *AT, *flags)
+    assert (code, says in err, err.count("\n")) == (0, True, bool(says))
 
 
 def test_cold_contradicts_the_other_flags(run):

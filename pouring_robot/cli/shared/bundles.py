@@ -260,7 +260,9 @@ class Melt:
         options.with_melt(robot)
         if self.steady:
             given["after_min"] = None
-        return (robot.model.heat or HeatSection()).with_values(**given)
+        section = (robot.model.heat or HeatSection()).with_values(**given)
+        options.note(*section.cautions)
+        return section
 
 
 @dataclass(frozen=True)
