@@ -64,11 +64,17 @@ def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     usable, poses = int(campaign.usable.sum()), distinct_poses(campaign)
     metrics = {"usable_rows": float(usable), "distinct_poses": float(poses)}
+    rows, names = _uncommanded(campaign)
+    mend = ""
+    if rows.size and usable + rows.size >= FEW_ROWS:
+        empty = _headings([campaign.heading(name) for name in names])
+        mend = f"fill in what was commanded: {empty} is empty in {counted(rows.size, 'row')}"
     if usable < FEWEST_FOR_FRAMES:
         message = f"{counted(usable, 'row')} can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
-        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR, remedy=mend)
     elif usable < FEW_ROWS:
-        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, f"{counted(usable, 'row')} can be used", metrics=metrics)
+        message = f"{counted(usable, 'row')} can be used"
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=mend)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
         remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"
@@ -78,12 +84,18 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
         yield flagged(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
 
 
-def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
+def _uncommanded(campaign: Campaign) -> tuple[Indices, list[str]]:
+    """Return the rows in which a command is missing, and of which drives any is."""
     missing = ~np.isfinite(campaign.drives)
-    rows = np.flatnonzero(missing.any(axis=1))
+    names = [columns.drive_names(campaign.robot)[k] for k in np.flatnonzero(missing.any(axis=0))]
+    return np.flatnonzero(missing.any(axis=1)), names
+
+
+def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
+    rows, names = _uncommanded(campaign)
     if rows.size:
-        names = [columns.drive_names(campaign.robot)[k] for k in np.flatnonzero(missing.any(axis=0))]
-        message = f"a commanded drive is missing in {where(campaign, rows)}"
+        said = _headings([campaign.heading(name) for name in names])
+        message = f"{said}: the command is missing in {where(campaign, rows)}"
         yield flagged(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
 
 

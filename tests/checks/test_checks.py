@@ -295,6 +295,17 @@ def test_a_rail_may_begin_far_from_zero(clean, drawing, monkeypatch):
     assert codes(in_mm) == {"condition_unit"}
 
 
+@pytest.mark.parametrize(("filled", "severity"), [(0, "error"), (5, "error"), (12, "warning")])
+def test_rows_that_lack_a_command_are_to_be_filled_in_and_not_measured_anew(clean, filled, severity):
+    told = {f.code: f for f in check_columns(damaged(clean.campaign, drives=set_rows(slice(filled, None), 0, np.nan)))}
+    few = told["too_few_rows"]
+    assert (few.severity, few.message.startswith(f"{filled} rows can be used")) == (severity, True)
+    assert few.remedy == f"fill in what was commanded: column 'q1_mm' is empty in {60 - filled} rows"
+    assert told["missing_drives"].message.startswith("column 'q1_mm': the command is missing in lines ")
+    few = next(f for f in check_columns(clean.campaign.subset(range(12))) if f.code == "too_few_rows")
+    assert few.remedy.startswith("measure at least 20 poses")
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_thermometers_are_checked_for_themselves(clean, drawing, count):
     """No others say when such a part is cold; what is beyond any hall is told all the same."""
