@@ -18,6 +18,12 @@ def test_a_campaign_is_read_shown_and_saved(real, tmp_path):
     assert repr(campaign) == f"<Campaign: {len(campaign)} full poses in 1 session, c.csv>"
     assert campaign.headline in campaign._repr_html_()
     assert len(campaign.to_frame()) == len(campaign)
+    position = np.array(campaign.position_m)
+    position[3, 0] = position[5] = np.nan
+    lost = dataclasses.replace(campaign, position_m=position)
+    assert lost.headline.startswith(f"{len(campaign)} full poses ({len(campaign) - 2} whole) in 1 session")
+    lost = dataclasses.replace(lost, rotation_vector_rad=None)
+    assert lost.headline.startswith(f"{len(campaign)} positions ({len(campaign) - 2} whole) in 1 session")
 
 
 def test_a_campaign_is_made_from_a_data_frame(real):
