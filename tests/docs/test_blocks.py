@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.cli.app import main
+from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import SweepConfig
 from scripts.site_pages import exported
@@ -174,6 +175,13 @@ def test_no_other_room_names_a_leg():
         fields = (vars(node) for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
         words = [one[key] for one in fields for key in ("id", "attr", "arg", "name") if isinstance(one.get(key), str)]
         assert not [word for word in words if named.search(word)], path
+
+
+def test_the_keys_that_a_robot_file_needs_are_marked():
+    table = (ROOT / "docs" / "any_robot.md").read_text().partition("## The robot file")[2].partition("\n## ")[0]
+    marked = set(re.findall(r"`(\w+)` \*", table))
+    needed = {name for name, field in RobotFile.model_fields.items() if field.is_required()}
+    assert marked == needed | {"urdf", "base_frame", "end_frame"}  # the latter as RobotFile checks them together
 
 
 @pytest.mark.parametrize(
