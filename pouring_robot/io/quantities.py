@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.exceptions import TableError
+from pouring_robot.exceptions import TableError, some
 from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, separators, size_fault
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
 from pouring_robot.io.units import OF_UNIT, UNITS, QuantityKind, to_inner
@@ -134,8 +134,10 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
     wholes = {quantity.part_of for quantity in quantities if quantity.part_of and quantity.name in found}
     for quantity in quantities:
         if quantity.required and not {quantity.name, quantity.unless} & found.keys():
+            others = [h for h in table.headings if h not in known and h.rpartition("_")[2] in UNITS[quantity.kind]]
+            renamed = f", or rename {some([repr(heading) for heading in others], 4)} if that is it" if others else ""
             remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
-            raise table.heading_fault(remedy + separators(table.headings), quantity.canonical)
+            raise table.heading_fault(remedy + (separators(table.headings) or renamed), quantity.canonical)
         if quantity.part_of in wholes and quantity.name not in found:
             *parts, last = [other.name for other in quantities if other.part_of == quantity.part_of]
             remedy = f"the column is missing; {quantity.part_of} needs {', '.join(parts)} and {last}"

@@ -89,6 +89,11 @@ def test_temperatures_in_kelvin(tmp_path):
         (HEADER.replace("q1_mm", "q1_kg"), ROW, ["line 1", "'q1_kg'", "q1_m or q1_mm"]),
         (HEADER.replace("q1_mm", "q1"), ROW, ["line 1", "'q1'", "no unit"]),
         (HEADER.replace("q1_mm,", ""), ROW.replace("550.5,", ""), ["'q1_m'", "missing"]),
+        (
+            HEADER.replace("q1", "l1") + ",leg1_K",
+            ROW + ",300",
+            ["'q1_m'", "add q1_m or q1_mm or q1_um, or rename 'l1_mm'"],
+        ),
         (HEADER + ",q1_m", ROW + ",0.5", ["'q1_m'", "stands already as 'q1_mm'"]),
         (HEADER + ",q1_mm", ROW + ",0.5", ["'q1_mm'", "twice"]),
         (HEADER + ",payload_kgs", ROW + ",5", ["'payload_kgs'", "payload_kg"]),
