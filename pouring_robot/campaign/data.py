@@ -230,7 +230,7 @@ class Campaign(Result):
     def headline(self) -> str:
         """What is in it, in one line."""
         sessions = len(set(self.sessions))
-        return f"{len(self)} {self.told} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
+        return f"{len(self)} {self.seen} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
 
     def __len__(self) -> int:
         return int(self.lines.size)
@@ -242,18 +242,12 @@ class Campaign(Result):
 
     @property
     def seen(self) -> str:
-        """What was measured, in words."""
-        if self.full_pose or self.position_measured.any():
-            return "full poses" if self.full_pose else "positions"
-        return "distances" if self.distance_m is not None else "closures"
-
-    @property
-    def told(self) -> str:
-        """The same, and how many rows have it whole where some are incomplete."""
-        measured = self._values_known[:, : 6 if self.full_pose else 3]
-        whole = int(measured.all(axis=1).sum())
-        placed = self.seen in ("full poses", "positions")
-        return f"{self.seen} ({whole} whole)" if placed and whole < len(self) else self.seen
+        """What was measured, in words, and how many rows have it whole where some are incomplete."""
+        if not (self.full_pose or self.position_measured.any()):
+            return "distances" if self.distance_m is not None else "closures"
+        said, count = ("full poses", 6) if self.full_pose else ("positions", 3)
+        whole = int(self._values_known[:, :count].all(axis=1).sum())
+        return said if whole == len(self) else f"{said} ({whole} whole)"
 
     @property
     def values_measured(self) -> int:

@@ -84,7 +84,7 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "distinct_poses": distinct_poses(campaign),
         "sessions": dict(Counter(campaign.sessions)),
         "full_pose": campaign.full_pose,
-        "seen": campaign.told,
+        "seen": campaign.seen,
         "ranges": dict(_ranges(campaign)),
         "missing_conditions": list(campaign.missing_conditions()),
         "metadata": metadata.model_dump(mode="json"),
