@@ -274,6 +274,14 @@ def test_sides_are_suggested_of_the_drives_of_which_a_campaign_says_them(confoun
         assert (found if found is None else np.isfinite(found).all(axis=0).tolist()) == told
 
 
+def test_no_melt_is_asked_for_in_an_empty_ladle(confounded):
+    """Parts may be hot all the same: just after it was poured out."""
+    asked = candidates(confounded.rows.campaign, confounded.model, 60, 0).conditions
+    empty = asked["payload"] == 0.0
+    assert empty.any() and not (asked["melt"][empty] > 100.0).any() and (asked["melt"] > 100.0).any()
+    assert (asked["leg1"][empty] > 100.0).any()
+
+
 def test_words_name_what_the_campaign_held_still(confounded):
     conditions = confounded.rows.conditions
     effects = chosen_effects()

@@ -117,7 +117,9 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     }
     made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in travels.items()}
     for kind in causes_of(campaign.robot).thermometers:
-        made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
+        # What is not carried warms nothing; parts are still hot just after it was poured out.
+        heated = hot & (made["payload"] > 0.0) if kind.hot_degC is not None else hot
+        made |= {member: _warm(kind, campaign.quantity(member), cold, heated) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
     sides = campaign.approach
     recorded = None if sides is None else np.where(np.isfinite(sides).any(axis=0), approach, np.nan)
