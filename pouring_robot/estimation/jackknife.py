@@ -37,9 +37,19 @@ def jackknife_covariance(
     held, moved = np.eye(place.size) * precision, []
     for k in range(len(inner)):
         told, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
-        moved.append(-scipy.linalg.solve(held + told, held @ place + pulled, assume_a="pos"))
+        moved.append(-_solved(held + told, held @ place + pulled))
     apart = np.array(moved) - np.mean(moved, axis=0)
     # One block alone scatters nothing, and of how many deviations that makes an interval nothing is known.
     wider = deviations95(len(moved) - 1.0) / deviations95(dof) if len(moved) > 1 else 0.0
-    by_priors = scipy.linalg.solve(held + sum(inner), np.sqrt(held), assume_a="pos")
+    by_priors = _solved(held + sum(inner), np.sqrt(held))
     return np.asarray(wider**2 * (len(moved) - 1) / len(moved) * apart.T @ apart + by_priors @ by_priors.T)
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution for a positive definite matrix (k, k), in units in which its diagonal is one.
+
+    Of unknowns in units far apart SciPy would warn, though that costs no digits (van der Sluis, Numer. Math. 14, 1969).
+    """
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    solution = scipy.linalg.solve(scale[:, None] * matrix * scale, (scale * right.T).T, assume_a="pos")
+    return np.asarray((scale * solution.T).T)

@@ -52,6 +52,16 @@ def test_one_block_alone_scatters_nothing():
     np.testing.assert_allclose(found, inverse @ np.diag(prior) @ inverse, rtol=1e-9)
 
 
+@pytest.mark.filterwarnings("error")
+def test_units_far_apart_change_nothing_but_the_units():
+    """A metre and a nanometre: eighteen digits between squares, of which none are lost and no warning is given."""
+    random = np.random.default_rng(4)
+    columns, residual, unit = random.normal(size=(40, 3)), random.normal(size=40), np.array([1.0, 1e-9, 1e9])
+    one = jackknife_covariance(parts(columns, residual), np.ones(3))
+    other = jackknife_covariance(parts(columns * unit, residual), 1.0 / unit, unit**2)
+    np.testing.assert_allclose(other * np.outer(unit, unit), one, rtol=1e-9)
+
+
 @pytest.fixture(scope="module")
 def wandering(drawing):
     """Sixty rows whose drives wander by ten times the noise, row after row, and the fit of their zeros."""
