@@ -231,7 +231,7 @@ class _Work:
         tried = found
         for _ in range(_GROSS_ERROR_ROUNDS):
             more = tried.gross_errors
-            if not more.size:
+            if not more.size or tried.asked.inliers.size - more.size < _FEWEST_ROWS:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
             # What wrong rows have drawn to themselves is nothing to start from.

@@ -59,3 +59,10 @@ def test_a_row_that_is_held_out_is_asked_like_all_others(tmp_path):
     data, row = two_causes(tmp_path), 22
     assert row in split(data, np.zeros(0, dtype=np.intp), "auto").test
     assert found_without(data, [row], [0.0, 18e-3, 0.0]) == ([row], {"base_drift", "drive_cyclic"})
+
+
+def test_where_too_few_rows_would_be_left_none_is_left_out(tmp_path):
+    data = campaign(tmp_path, (), rows=40).subset(np.arange(8))
+    position = np.array(data.position_m)
+    position[2] += [0.0, 0.05, -0.03]
+    assert diagnose(replace(data, position_m=position)).left_out.size == 0
