@@ -67,7 +67,7 @@ class Table:
                 mend = "name it, or take it out; pandas writes its index so, and not with index=False"
                 raise self.heading_fault(f"a column has no heading; {mend}")
             if heading not in known:
-                with_unit = [name for name in known if name.startswith(f"{heading}_")]
+                with_unit = [name for name in known if name.lower().startswith(f"{heading.lower()}_")]
                 said = f" names no unit; write {' or '.join(with_unit)}" if with_unit else closest(heading, known)
                 raise self.heading_fault(f"unknown column '{heading}'{separators(self.headings) or said}")
         self.refuse_doubled()

@@ -65,6 +65,7 @@ def test_units_ride_on_the_names(written, content):
         ("x_mm,y_mm,z_mm,tilt_dge\n1,2,3,4\n", "line 1: unknown column 'tilt_dge'; did you mean 'tilt_deg'"),
         ("x_cm,y_mm,z_mm,tilt_deg\n1,2,3,4\n", "line 1: unknown column 'x_cm'"),
         ("x,y,z,tilt\n1,2,3,4\n", "line 1: unknown column 'x' names no unit; write x_mm or x_m"),
+        ("X,Y,Z,tilt\n1,2,3,4\n", "line 1: unknown column 'X' names no unit; write x_mm or x_m"),
         ("x_mm;y_mm;z_mm;tilt_deg\n1;2;3;4\n", "line 1: .* must be parted by commas"),
         ("format: mine\nat: [1, 2, 3]\n", r"line 2: 3 cells for 1 columns; does line 1 name every column\?"),
         (b"\xff\xfe\x00", "UTF-8"),
