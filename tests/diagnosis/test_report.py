@@ -249,6 +249,10 @@ def test_what_only_an_earlier_diagnosis_had_goes_with_it(hot, written, monkeypat
     monkeypatch.setattr("pouring_robot.diagnosis.report.scene.ladle_scene", lambda _: None)
     write_diagnosis(without, folder, overwrite=True)
     assert {path.name for path in folder.iterdir()} == {*NAMES, "notes.txt"} - {"ladles.html", "next.csv"}
+    (folder / "next.csv").write_text("what was measured")
+    vars(without)["campaign"] = replace(hot.campaign, path=folder / "next.csv")
+    write_diagnosis(without, folder, overwrite=True)
+    assert (folder / "next.csv").read_text() == "what was measured"
 
 
 def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch, undrawn):

@@ -26,7 +26,8 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position, and of any robot without a ladle; ``next.csv`` where
-    nothing is to be measured next; that of an earlier diagnosis goes. The folder is made if it is not there.
+    nothing is to be measured next; that of an earlier diagnosis goes, if it was not what is diagnosed here.
+    The folder is made if it is not there.
 
     Raises:
         OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
@@ -54,7 +55,9 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     links = {words: name for name, words in with_it.items() if folder / name in files or name == METRICS}
     files[folder / REPORT] = html_report(diagnosis, pictures, links)
     files[folder / METRICS] = json_text(metrics)
-    return write_together(files, overwrite=overwrite, earlier=[folder / name for name in _NAMES])
+    read = diagnosis.campaign.path.resolve()
+    earlier = [path for name in _NAMES if (path := folder / name).resolve() != read]
+    return write_together(files, overwrite=overwrite, earlier=earlier)
 
 
 def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
