@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.cli.shared.locations import in_its_unit
 from pouring_robot.cli.shared.options import say, with_melt
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
@@ -110,6 +109,8 @@ class Warmth:
     @classmethod
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
         """Find it, and the shares of geometry and heat if they are wanted."""
+        from pouring_robot.cli.shared.locations import in_its_unit
+
         if heated is None:
             with in_its_unit(robot, command):
                 return cls(robot, robot.location_of(command))
