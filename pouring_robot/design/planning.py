@@ -97,10 +97,9 @@ class Planner:
     @functools.cached_property
     def states(self) -> tuple[PlannedConditions, ...]:
         """Loads and temperatures to choose from."""
-        loads, temperatures = (
-            self.request.loads_kg or (0.0,),
-            self.request.drive_degC or (PlannedConditions().drive_degC,),
-        )
+        usual = PlannedConditions()
+        loads = self.request.loads_kg or (usual.payload_kg,)
+        temperatures = self.request.drive_degC or (usual.drive_degC,)
         return tuple(PlannedConditions(1, load, degrees) for degrees in temperatures for load in loads)
 
     def _rows(self, columns: Columns) -> tuple[FloatArray, FloatArray]:

@@ -87,11 +87,16 @@ class HeatSection(StrictModel):
             ) from problem
 
     @property
-    def cautions(self) -> tuple[str, ...]:
-        """What is odd of the melt and cannot be ruled out, in a line each."""
+    def temperatures_degC(self) -> tuple[float, float]:
+        """Melt and surroundings; what is not said is that of the properties."""
         properties = self.thermal_properties()
         melt = properties.melt.temperature.value if self.melt_degC is None else self.melt_degC
-        hall = properties.ambient.temperature.value if self.ambient_degC is None else self.ambient_degC
+        return melt, properties.ambient.temperature.value if self.ambient_degC is None else self.ambient_degC
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What is odd of the melt and cannot be ruled out, in a line each."""
+        melt, hall = self.temperatures_degC
         if melt > IRON_IN_KELVIN:
             odd = f"rather one at {melt - ZERO_CELSIUS_K:g} degC, told in kelvin; check the unit"
         elif melt < hall:

@@ -165,8 +165,7 @@ class PouringBench(RobotBench):
     def sliders(self) -> dict[str, Any]:
         """Return the sliders of any robot and those of the melt."""
         found = super().sliders()
-        stated = self._heat.melt_degC
-        melt = self._heat.thermal_properties().melt.temperature.value if stated is None else stated
+        melt, _ = self._heat.temperatures_degC
         limits = {"lower": min(_COOLEST, melt), "upper": max(_HOTTEST, melt), "value": melt}
         time = {"lower": 0.0, "upper": _LONGEST_MIN, "value": 0.0}
         sliders = [

@@ -93,8 +93,7 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
         )
     with_melt(robot)
     same = heat or HeatSection()
-    melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
-    return ThermalLaw(model, melt, same)
+    return ThermalLaw(model, same.temperatures_degC[0], same)
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,7 +133,7 @@ class Under:
         found = robot.read_commands(path, known)
         unused = [name for name in read_table(path, "").headings if name in known and not robot.model.conditional]
         if unused:
-            told = not UNITS["temperature"].keys().isdisjoint(name.rpartition("_")[2] for name in unused)
+            told = any(name.rpartition("_")[2] in UNITS["temperature"] for name in unused)
             warms = "; --melt-degC and --ambient-degC warm it, alike at every pose"
             said = warms if told and isinstance(robot, PouringRobot) else ""
             options.note(f"{path}: nothing in the model depends on {', '.join(unused)}{said}")
