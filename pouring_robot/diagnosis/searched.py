@@ -9,6 +9,8 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
 from pouring_robot.estimation.kinds import Kind, are
@@ -109,14 +111,20 @@ class Searched:
 
     @property
     def gross_errors(self) -> Indices:
-        """The rows that nothing explains, those held out among them, by index in the campaign."""
-        given, every = self.diagnoser.rows.conditions, self.diagnoser.of_every_row(self.after, self.hypothesis)
-        residuals, courses = (every.remainder, every.deletion_residual), (poses(given), given.time_s[:, None])
-        gone = self.asked.left_out.size
-        more = gross_errors(residuals, self.after.every_row.row, gone, courses)
+        """The rows that nothing explains, those held out among them, by index in the campaign.
+
+        Held-out rows are explained as with them, as what is far from all others cannot be foretold; the others without.
+        """
+        given, fitted = self.diagnoser.rows.conditions, self.diagnoser.fitted
+        courses, gone, row = (poses(given), given.time_s[:, None]), self.asked.left_out.size, self.after.every_row.row
+        own, every = self.hypothesis, self.diagnoser.of_every_row(self.after, self.hypothesis)
+        residuals = (every.remainder, own.remainder), (every.deletion_residual, own.deletion_residual)
+        for with_held_out, without in residuals:
+            with_held_out[fitted[row]] = without
+        more = gross_errors([left for left, _ in residuals], row, gone, courses, (fitted, ~fitted))
         if not more.size and not self.calm:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
-            more = gross_errors([rest.residual], rest.row, gone, courses, HALF)
+            more = gross_errors([rest.residual], rest.row, gone, courses, (np.ones_like(fitted),), HALF)
         return self.asked.inliers[more]
 
     @property

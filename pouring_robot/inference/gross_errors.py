@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc, ndtri
 
-from pouring_robot.mechanism.arrays import FloatArray, robust_sigma
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, robust_sigma
 
 _SIGMAS = 6.5
 """Of a million normal values one is beyond 4.9; this leaves room for tails that are no longer normal."""
@@ -37,6 +37,7 @@ def gross_errors(
     row: NDArray[np.intp],
     gone: int,
     courses: Sequence[FloatArray],
+    parts: Sequence[BoolArray],
     share: float = NINE_TENTHS,
 ) -> NDArray[np.intp]:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
@@ -52,11 +53,13 @@ def gross_errors(
         row: row of each of these, (m,).
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
+        parts: of the rows, (n,) each, such as those that are held out: what is not foretold of most of one part is
+            unknown there, and says nothing of the others.
         share: of the rows, by what they stay below rows count.
     """
     level, rows = _TOGETHER / len(courses), len(courses[0])
     for left in residuals:
-        wrong = np.flatnonzero(_beyond(left, row, rows, share))
+        wrong = np.flatnonzero(np.any([_beyond(left, row, part, share) for part in parts], axis=0))
         count = wrong.size + gone
         few, most = count <= max(_FEW, int(_FEW_SHARE * rows)), (1.0 - NINE_TENTHS) * rows
         if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
@@ -64,13 +67,14 @@ def gross_errors(
     return np.zeros(0, dtype=np.intp)
 
 
-def _beyond(left: FloatArray, row: NDArray[np.intp], rows: int, share: float) -> NDArray[np.bool_]:
-    """Return which rows are far beyond what a share of them stays below, (n,)."""
-    worst = np.zeros(rows)
+def _beyond(left: FloatArray, row: NDArray[np.intp], part: BoolArray, share: float) -> BoolArray:
+    """Return which rows of a part are far beyond what a share of them stays below, (n,)."""
+    worst = np.zeros(len(part))
     np.maximum.at(worst, row, np.abs(left))
     # The largest of so many normal values stays below this in that share of rows.
-    usual = float(ndtri(0.5 + 0.5 * share ** (rows / len(left))))
-    return np.asarray(worst > _SIGMAS * max(1.0, float(np.quantile(worst, share)) / usual))
+    usual = float(ndtri(0.5 + 0.5 * share ** (len(part) / len(left))))
+    stays = float(np.quantile(worst[part], share, method="lower")) if part.any() else 0.0
+    return np.asarray(part & (worst > _SIGMAS * max(1.0, stays / usual)))
 
 
 def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:

@@ -7,6 +7,7 @@ from scipy.stats import binom
 from pouring_robot.inference.gross_errors import HALF, _together, gross_errors
 
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
+ALL = (np.ones(COUNT, dtype=bool),)
 
 
 def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
@@ -14,7 +15,7 @@ def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
     left = noise * rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] = off
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors([left.ravel()], rows, gone, places).tolist()
+    return gross_errors([left.ravel()], rows, gone, places, ALL).tolist()
 
 
 @pytest.fixture
@@ -38,6 +39,17 @@ def test_rows_count_by_the_noise_or_by_what_nine_tenths_stay_below_where_that_is
     assert found([7], places, rng, noise=noise, off=off) == wrong
 
 
+@pytest.mark.parametrize("strange", [0, 1])
+def test_what_is_unknown_in_one_part_says_nothing_of_the_other(rng, places, strange):
+    """In each part one row is off by as much."""
+    held_out = np.arange(COUNT) >= 90
+    parts, wrong, rows = (~held_out, held_out), (7, 100), np.repeat(np.arange(COUNT), COMPONENTS)
+    left = rng.normal(size=(COUNT, COMPONENTS))
+    left[parts[strange]] *= 8.0
+    left[wrong, 1] = OFF
+    assert gross_errors([left.ravel()], rows, 0, places, parts).tolist() == [wrong[1 - strange]]
+
+
 def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
     poses, order = places
     near = np.sort(np.argsort(np.linalg.norm(poses - poses[0], axis=1))[:9])
@@ -52,8 +64,8 @@ def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_bette
     left[::5] *= 3.5
     left[[7, 61], 1] = 21.0
     rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    assert gross_errors([left.ravel()], rows, 0, places).size == 0
-    assert gross_errors([left.ravel()], rows, 0, places, HALF).tolist() == [7, 61]
+    assert gross_errors([left.ravel()], rows, 0, places, ALL).size == 0
+    assert gross_errors([left.ravel()], rows, 0, places, ALL, HALF).tolist() == [7, 61]
 
 
 def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
@@ -76,7 +88,7 @@ def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_o
     deleted[40:49, 2] += OFF
 
     def found():
-        return gross_errors((left.ravel(), deleted.ravel()), rows, 0, places).tolist()
+        return gross_errors((left.ravel(), deleted.ravel()), rows, 0, places, ALL).tolist()
 
     assert found() == []
     left[7, 0] += OFF
