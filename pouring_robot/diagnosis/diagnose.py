@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
+from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
@@ -245,7 +245,8 @@ class _Work:
         self.say("asking whether what is left has structure", 0, 0)
         asked, diagnoser = found.asked, found.diagnoser
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
-        misfit, unsettled = _misfit(rows, before.linear), _unsettled(found.after, found.hypothesis, diagnoser.asked)
+        misfit = self._doubted(found) or _misfit(rows, before.linear)
+        unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
         unknown = judgement.verdict == "unknown" and judgement.causes
         covariances = diagnoser.covariances(hypothesis, after if unknown else None)
@@ -292,6 +293,15 @@ class _Work:
             return diagnosis
         told = misfit if judgement.verdict == "unknown" else why
         return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
+
+    def _doubted(self, found: Searched) -> str:
+        """Return which rows may be wrong, in words, where too few would be left without; "" where there are none."""
+        rows = found.asked.inliers.size
+        wrong = found.gross_errors if rows < FEW_ROWS else found.asked.inliers[:0]
+        if not wrong.size or rows - wrong.size >= _FEWEST_ROWS:
+            return ""
+        lines = " and ".join(f"line {line}" for line in self.campaign.lines[wrong])
+        return f"{lines} may be wrong, and too few rows are left without; measure again there"
 
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str

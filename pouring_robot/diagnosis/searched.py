@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.checks.flags import FEW_ROWS
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
 from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import HALF, calm, gross_errors
+from pouring_robot.inference.gross_errors import HALF, calm, gross_errors, gross_errors_of_few
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import Indices
 
@@ -109,7 +110,7 @@ class Searched:
         clear = evidence > self.diagnoser.thresholds.evidence_of_one_in(kinds * len(left))
         return share if clear and share < _MOST_NOISE else 1.0
 
-    @property
+    @functools.cached_property
     def gross_errors(self) -> Indices:
         """The rows that nothing explains, those held out among them, by index in the campaign.
 
@@ -125,6 +126,9 @@ class Searched:
         if not more.size and not self.calm:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
             more = gross_errors([rest.residual], rest.row, gone, courses, (np.ones_like(fitted),), HALF)
+        if not more.size and len(given) < FEW_ROWS:
+            every_row = self.diagnoser.problem_at(self.after, of_every_row=True)
+            more = gross_errors_of_few(every_row, row, self.diagnoser.thresholds)
         return self.asked.inliers[more]
 
     @property

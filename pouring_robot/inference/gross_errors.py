@@ -1,5 +1,7 @@
 """Gross errors: single rows that nothing explains while nearly all others are explained better.
 
+Of few rows anything is explained by some effect; that a row is off by itself is then one more explanation to be tried.
+
 Found here after a search, they are left out and it is searched again (``diagnosis/diagnose.py``). Before any fit they
 are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
 """
@@ -11,6 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc, ndtri
 
+from pouring_robot.inference.problem import Explanation, Problem
+from pouring_robot.inference.search import search
+from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, robust_sigma
 
 _SIGMAS = 6.5
@@ -22,6 +27,8 @@ NINE_TENTHS, HALF = 0.9, 0.5
 """Shares of the rows, by what they stay below rows count."""
 _TOGETHER = 0.01
 """Probability, over all courses, that scattered rows are taken for rows that lie together."""
+_USUAL = 100.0
+"""Size of a gross error, over the noise, as of an effect's own units: 1 to 1,000 times the noise are as likely."""
 
 
 def calm(left: FloatArray) -> bool:
@@ -65,6 +72,22 @@ def gross_errors(
         if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
             return wrong
     return np.zeros(0, dtype=np.intp)
+
+
+def gross_errors_of_few(problem: Problem, row: NDArray[np.intp], thresholds: Thresholds) -> NDArray[np.intp]:
+    """Return the rows, by the row of each equation (m,), that are gross errors more likely than what takes them up.
+
+    That a row is off, each of its equations by itself, is searched for beside all that the problem has. None where
+    they are more than a few.
+    """
+    wrong = [
+        Explanation("gross error", f"{one}", problem.nuisance.clear(columns), np.ones(columns.shape[1], bool), False)
+        for one in np.unique(row)
+        for columns in [_USUAL * np.eye(len(row))[:, row == one]]
+    ]
+    found = search(problem.and_also(wrong), thresholds)
+    rows = np.array([int(item.form) for item in found.items if item in wrong], dtype=np.intp)
+    return np.sort(rows) if rows.size <= _FEW else rows[:0]
 
 
 def _beyond(left: FloatArray, row: NDArray[np.intp], part: BoolArray, share: float) -> BoolArray:

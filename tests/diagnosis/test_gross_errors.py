@@ -61,8 +61,25 @@ def test_a_row_that_is_held_out_is_asked_like_all_others(tmp_path):
     assert found_without(data, [row], [0.0, 18e-3, 0.0]) == ([row], {"base_drift", "drive_cyclic"})
 
 
-def test_where_too_few_rows_would_be_left_none_is_left_out(tmp_path):
+FEW_WRONG = np.array([0.0, 0.005, -0.006])
+
+
+@pytest.mark.parametrize("causes", [(), (Wanted("truss_deflection", 8.0, "a"),)])
+def test_of_few_rows_a_wrong_one_is_left_out_and_no_cause_is_named_for_it(tmp_path, causes):
+    """Effects take it up: of all nine rows nothing is left over."""
+    row, data = 4, campaign(tmp_path, causes, rows=40, full_pose=False).subset(np.arange(9))
+    position = np.array(data.position_m)
+    position[row] += FEW_WRONG
+    found, sound = diagnose(replace(data, position_m=position)), diagnose(data)
+    assert (found.left_out.tolist(), sound.left_out.tolist()) == ([row], [])
+    assert found.verdict == sound.verdict
+    assert [e.cause.effect for e in found.firm] == [e.cause.effect for e in sound.firm] == [c.effect for c in causes]
+
+
+def test_where_too_few_rows_would_be_left_it_is_said_which_is_to_be_measured_again(tmp_path):
     data = campaign(tmp_path, (), rows=40).subset(np.arange(8))
     position = np.array(data.position_m)
     position[2] += [0.0, 0.05, -0.03]
-    assert diagnose(replace(data, position_m=position)).left_out.size == 0
+    found = diagnose(replace(data, position_m=position))
+    assert (found.left_out.size, found.verdict) == (0, "unknown")
+    assert f"line {data.lines[2]} may be wrong" in found.headline

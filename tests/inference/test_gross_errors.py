@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.gross_errors import HALF, _together, gross_errors
+from pouring_robot.inference.gross_errors import HALF, _together, gross_errors, gross_errors_of_few
+from pouring_robot.inference.search import search
+from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
+from tests.inference.problems import library, planted, problem
 
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
 ALL = (np.ones(COUNT, dtype=bool),)
@@ -96,3 +99,22 @@ def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_o
     left[7, 0], deleted[40:49, 2] = 0.0, 0.0
     deleted[30, 1] = -OFF
     assert found() == [30]
+
+
+FEW_ROWS, FEW_COMPONENTS = 9, 3
+
+
+@pytest.mark.parametrize("wrong", [(), (4,), (2, 7), (1, 4, 7)])
+@pytest.mark.parametrize("at_work", [False, True])
+def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng, wrong, at_work):
+    """Eight effects of up to four parameters make nearly anything of nine rows; of three of nine none is taken out."""
+    rows = np.repeat(np.arange(FEW_ROWS), FEW_COMPONENTS)
+    items = library(rng, rows.size)
+    residual = planted(rng, [items[2]], [8.0]) if at_work else rng.normal(size=rows.size)
+    for row in wrong:
+        residual[rows == row] += 150.0 * np.array([0.6, -0.64, 0.48])
+    asked = problem(residual, items, free=rng.normal(size=(rows.size, 6)))
+    if len(wrong) == 1:
+        assert {item.effect for item in search(asked).items} - {items[2].effect}, "something else is found for it"
+    found = gross_errors_of_few(asked, rows, DEFAULT_THRESHOLDS)
+    assert found.tolist() == (list(wrong) if len(wrong) < 3 else [])
