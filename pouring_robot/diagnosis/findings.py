@@ -41,8 +41,8 @@ class Findings:
     where: Where  # where it and the data disagree
     hypothesis: Hypothesis  # what explains best
     judgement: Judgement  # what may be said of it
-    # why the answer is unknown whatever explains best: what is left is too large for noise, or what was found is no
-    # credible robot; "" where neither is
+    # why the answer is unknown whatever explains best: what is left is too large for noise, what was found is no
+    # credible robot, or single ones of few rows may be wrong; "" where none is
     misfit: str
     covariances: tuple[FloatArray, ...]  # that tell how well the coefficients of everything fitted are known
     parameters: FoundByKey  # of everything fitted
