@@ -371,11 +371,7 @@ class ClosedChainMechanism:
 
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
-        return dict(self._limits)
-
-    @functools.cached_property
-    def _limits(self) -> dict[str, tuple[float, float]]:
-        lower, upper = self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit
-        edges = {name: (float(lower[k]), float(upper[k])) for name, k, count, _ in self._moving if count == 1}
+        limits = np.transpose([self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit])
+        edges = {name: limits[k] for name, k, count, _ in self._moving if count == 1}
         # Programs that draw robots write 1e16 where there is none.
-        return {name: pair for name, pair in edges.items() if np.abs(pair).max() <= LARGEST}
+        return {name: tuple(pair.tolist()) for name, pair in edges.items() if np.abs(pair).max() <= LARGEST}

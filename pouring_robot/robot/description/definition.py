@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.files import read_text
@@ -61,6 +60,7 @@ _DRAWN_FIT = 1e-4
 _MEASURED_FIT = 0.03
 """How far commands of redundant drives may disagree, over the reach. Anchors measured by hand are off by some percent:
 those of the Hangprinter in ``examples/machines`` make its lines disagree by up to 1 %."""
+JointLimits = Mapping[str, tuple[float, float] | None]
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
 ParameterSets = Mapping[str, tuple[str, ...]]
 _GROUPS: ParameterGroups = {
@@ -121,8 +121,9 @@ class RobotDefinition:
         if any(other != first for other in others):
             problem = f"payload_frame '{self.payload_frame}' moves against end_frame '{end}'"
             raise DescriptionError(path, f"{problem}; name a link that is fixed to it")
-        self._check_home(root.iterfind("joint"))
-        self._check_zeros(root.iterfind("joint"))
+        limits = {str(joint.get("name")): limits_of(joint) for joint in root.iterfind("joint")}
+        self._check_home(limits)
+        self._check_zeros(limits)
         for drive in self.drives:
             if end is not None and drive.joint in above[base] & above[end]:
                 problem = f"base_frame '{base}' is carried by the drive '{drive.joint}'"
@@ -158,23 +159,20 @@ class RobotDefinition:
                 mend = f"make it a drive, or leave it out: a travel carries '{self.loops.base_frame}' and all in it"
                 raise DescriptionError(self.path, f"{problem}; {mend}")
 
-    def _check_home(self, joints: Iterable[etree._Element]) -> None:
+    def _check_home(self, limits: JointLimits) -> None:
         """Refuse a home beyond a joint's limits."""
-        for joint in joints:
-            name, limits = str(joint.get("name")), limits_of(joint)
-            value = self.file.home.get(name)
-            if limits and value is not None and not in_limits(value, *limits, WRITTEN):
-                lower, upper = limits
+        for name, value in self.file.home.items():
+            lower, upper = limits[name] or (value, value)
+            if not in_limits(value, lower, upper, WRITTEN):
                 beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
                 raise DescriptionError(self.path, beyond)
 
-    def _check_zeros(self, joints: Iterable[etree._Element]) -> None:
+    def _check_zeros(self, limits: JointLimits) -> None:
         """Refuse zeros at which no joint stands, which mostly are mm or degrees.
 
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): limits_of(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
             lower, upper = limits[drive.joint] or (0.0, 0.0)
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if limits[drive.joint] else self.reach_m
