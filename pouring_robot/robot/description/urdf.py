@@ -75,18 +75,14 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
 
     Slides count with their values (m), or, where these are zero, with how far they are driven.
     """
-    steps: dict[str, list[tuple[str, float]]] = {}
-    for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
+    root, steps = etree.fromstring(urdf.encode()), dict[str, float]()
+    for joint in root.iterfind("joint"):
         name, slide = str(joint.get("name")), 0.0
         if joint.get("type") == "prismatic":
             slide = abs(values.get(name, 0.0)) or (float(np.ptp(limits_said(joint))) if name in driven else 0.0)
-        parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
-        steps.setdefault(parent, []).append((child, float(np.linalg.norm(origin_pose(joint).translation)) + slide))
-
-    def beyond(link: str) -> float:
-        return max((length + beyond(child) for child, length in steps.get(link, ())), default=0.0)
-
-    return max(map(beyond, steps), default=0.0)
+        steps[name] = float(np.linalg.norm(origin_pose(joint).translation)) + slide
+    ways = carriers(root, *(str(link.get("name")) for link in root.iterfind("link"))).values()
+    return max((sum(steps[name] for name in way) for way in ways), default=0.0)
 
 
 def carriers(root: etree._Element, *frames: str) -> dict[str, list[str]]:

@@ -77,11 +77,8 @@ class FourUPUKinematics(Drawing):
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
         joints = self.chain_joints(poses[:, :3], poses[:, 3])
-        rotation = np.zeros((len(poses), 3, 3))
-        rotation[:, 0, 0] = rotation[:, 2, 2] = np.cos(poses[:, 3])
-        rotation[:, 0, 2] = np.sin(poses[:, 3])
-        rotation[:, 2, 0] = -rotation[:, 0, 2]
-        rotation[:, 1, 1] = 1.0
+        cos, sin, zero, one = np.cos(poses[:, 3]), np.sin(poses[:, 3]), np.zeros(len(poses)), np.ones(len(poses))
+        rotation = np.stack([cos, zero, sin, zero, one, zero, -sin, zero, cos], axis=-1).reshape(-1, 3, 3)
         places = {name: (i, k) for i, chain in enumerate(CHAIN_JOINTS) for k, name in enumerate(chain)}
         drives = np.stack([joints[:, *places[name]] for name in self.mechanism.loops.drives], axis=1)
         return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
