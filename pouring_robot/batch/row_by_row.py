@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, finite, shaped
-from pouring_robot.batch.structure import ByteArray, Structure, seat_joints, shared_joints
+from pouring_robot.batch.structure import ByteArray, Structure, seat_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -87,7 +87,7 @@ def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     """Return the moving joints that some but not all of base, end and loop frames hang on, then the loops' seats."""
     model, loops, paths = mechanism.shared_model, mechanism.loops, mechanism.frame_paths
     ends = (loops.base_frame, str(loops.end_frame), *loops.loop_frames)
-    shared, every = shared_joints(mechanism), dict.fromkeys(name for end in ends for name in paths[end])
-    moving = [name for name in every if name not in shared and model.existJointName(name)]
+    every = dict.fromkeys(name for end in ends for name in paths[end])
+    moving = [name for name in every if name in mechanism.seen_joints and model.existJointName(name)]
     seats = (name for loop in range(len(loops.loops)) for name in seat_joints(mechanism, loop))
     return tuple(dict.fromkeys([*moving, *seats]))

@@ -294,20 +294,10 @@ def seat_joints(mechanism: ClosedChainMechanism, loop: int) -> tuple[str, ...]:
 
     Closed in all directions, frame a moves as frame b moves back, so one of the two says it; of a point each counts.
     """
-    one, shared = mechanism.loops.loops[loop], shared_joints(mechanism)
+    one = mechanism.loops.loops[loop]
     carriers = (_fixed_joint(mechanism, frame) for frame in (one.frame_b, one.frame_a))
-    found = [name for name in carriers if name and name not in shared]
+    found = [name for name in carriers if name in mechanism.seen_joints]
     return tuple(found[:1] if one.type == "6d" else found)
-
-
-def shared_joints(mechanism: ClosedChainMechanism) -> frozenset[str]:
-    """Return the joints, moving and fixed, that carry base, end and all frames of loops: no pose shows where they are.
-
-    And those that are cut, which carry nothing.
-    """
-    loops, paths = mechanism.loops, mechanism.frame_paths
-    ends = (loops.base_frame, str(loops.end_frame), *loops.loop_frames)
-    return frozenset.intersection(*(frozenset(paths[name]) for name in ends)).union(loops.cut_joints)
 
 
 def _fixed_joint(mechanism: ClosedChainMechanism, name: str) -> str:

@@ -223,10 +223,11 @@ class ClosedChainMechanism:
 
     @functools.cached_property
     def seen_joints(self) -> frozenset[str]:
-        """Joints that carry the base frame, or what is reported or closed, but not both."""
+        """Joints that carry the base frame, or what is reported or closed, but not both; none that is cut."""
         paths, loops = self.frame_paths, self.loops
         frames = (*loops.reported_frames, *loops.loop_frames)
-        return frozenset(joint for frame in frames for joint in {*paths[loops.base_frame]} ^ {*paths[frame]})
+        carriers = ({*paths[loops.base_frame]} ^ {*paths[frame]} for frame in frames)
+        return frozenset().union(*carriers).difference(loops.cut_joints)
 
     @functools.cached_property
     def _paths(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
