@@ -155,8 +155,7 @@ def as_poses(poses: Any) -> FloatArray:
 
 def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the reported frames, all fixed to the end body, shape (n, frames, 3, 4), from the end frame's pose."""
-    model, loops = mechanism.shared_model, mechanism.loops
-    end, *_ = placements = [model.frames[mechanism.frame_id(name)].placement for name in loops.reported_frames]
-    T_end_frame = np.array([end.actInv(placement).homogeneous for placement in placements])
+    frames = mechanism.loops.reported_frames
+    T_end_frame = np.array([mechanism.placement_on_end(frame).homogeneous for frame in frames])
     T_base_end = np.concatenate([rotation, position[:, :, None]], axis=2)
     return np.asarray(T_base_end[:, None] @ T_end_frame)

@@ -56,7 +56,6 @@ class PouringRobot(Robot):
 
         That is by default the nominal pose for these drives.
         """
-        self.kinematics.check_drives(drives)
         return self._closed_as_built(drives, self.kinematics.configuration(near or self.kinematics.forward(drives)))
 
     def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:

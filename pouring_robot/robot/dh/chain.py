@@ -195,14 +195,11 @@ def _read_placements(
     seat = model.frames[model.frames[mechanism.frame_id(loop.frame_b)].parentFrame]
     if b.parentJoint != end.parentJoint or seat.type != pin.FrameType.FIXED_JOINT:
         raise NotUPUError(loop.name, f"'{loop.frame_b}' is not fixed to '{end.name}' by a joint of its own")
-    ids: list[int] = []
-    joint = a.parentJoint
-    while joint not in (0, base.parentJoint):
-        ids.insert(0, joint)
-        joint = model.parents[joint]
-    axes = _joint_axes(mechanism, ids, loop.name)
-    if joint != base.parentJoint:
+    support = [0, *list(model.supports[a.parentJoint])[1:]]
+    if base.parentJoint not in support:
         raise NotUPUError(loop.name, f"it does not hang from '{base.name}'")
+    ids = support[support.index(base.parentJoint) + 1 :]
+    axes = _joint_axes(mechanism, ids, loop.name)
     first, *others = (model.jointPlacements[j] for j in ids)
     sites = [base.placement.inverse() * first, *others, end.placement.inverse() * seat.placement]
     closing = a.placement * (b.placement.inverse() * seat.placement)
