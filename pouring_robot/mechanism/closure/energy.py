@@ -291,10 +291,7 @@ class ClosureEnergy:
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
         """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
-        if all(self._is_3d):
-            curvature = np.zeros((len(self._is_3d), 6, 6))
-        else:
-            curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
+        curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
         for i, is_3d in enumerate(self._is_3d):
             if is_3d:  # the wrench is R^T K p; turning frame b turns it back: d(R^T p) = (R^T p) × omega
                 curvature[i] = 0.0
