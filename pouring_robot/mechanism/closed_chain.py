@@ -8,7 +8,7 @@ carrying chain drops out of all results.
 
 import functools
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Self
@@ -209,6 +209,10 @@ class ClosedChainMechanism:
             follower, leader = (self.joint_columns[name].start for name in (mimic.joint, mimic.leader))
             coupling[follower, follower], coupling[follower, leader] = 0.0, mimic.ratio
         return coupling
+
+    def columns_on(self, path: Collection[str]) -> FloatArray:
+        """Return 1 for every velocity column of the joints on a path, else 0; (nv,)."""
+        return np.array([name in path for name, own in self.joint_columns.items() for _ in own], dtype=float)
 
     @functools.cached_property
     def frame_paths(self) -> dict[str, tuple[str, ...]]:

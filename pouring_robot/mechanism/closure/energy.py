@@ -301,12 +301,9 @@ class ClosureEnergy:
     @functools.cached_property
     def _support(self) -> tuple[FloatArray, FloatArray]:
         """Return which columns move frame a and frame b of each loop; (loops, nv) of ones and zeros."""
-        masks = np.zeros((2, len(self.mechanism.anchors), self.model.nv))
-        for i, anchor in enumerate(self.mechanism.anchors):
-            for side, frame in enumerate(anchor):
-                for support in list(self.model.supports[frame.parentJoint])[1:]:
-                    masks[side, i, self.mechanism.joint_columns[self.model.names[support]]] = 1.0
-        return masks[0], masks[1]
+        paths, frames = self.mechanism.frame_paths, self.mechanism.loops.loop_frames
+        masks = np.reshape([self.mechanism.columns_on(paths[frame]) for frame in frames], (-1, 2, self.model.nv))
+        return masks[:, 0], masks[:, 1]
 
     @functools.cached_property
     def joint_depths(self) -> FloatArray:

@@ -93,15 +93,10 @@ class Weight:
         frame = self._data.oMf[self._mechanism.frame_id(name)]
         return mass, frame.act(np.array(self._energy.loads.payload_centre_m)), self._mechanism.frame_paths[name]
 
-    def _carries(self, path: Collection[str]) -> FloatArray:
-        """Return 1 for every joint column on a path, else 0; (nv,)."""
-        columns = self._mechanism.joint_columns
-        return np.array([name in path for name, own in columns.items() for _ in own], dtype=float)
-
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
         _, centre, path = self._payload(1.0)
-        velocities = moved_point(as_columns(self._data.J), centre) * self._carries(path)
+        velocities = moved_point(as_columns(self._data.J), centre) * self._mechanism.columns_on(path)
         return np.asarray(-self._gravity @ velocities)
 
     def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
@@ -114,5 +109,5 @@ class Weight:
         for mass, centre, path in self._bodies:
             own, displaced = moved_point(motion, centre), moved_point(twists, centre)
             turned = np.where(first, own.T @ by_placement.T, by_joint @ displaced)
-            change -= mass * turned * np.outer(self._carries(path), placed.carried(path))
+            change -= mass * turned * np.outer(self._mechanism.columns_on(path), placed.carried(path))
         return change
