@@ -49,34 +49,6 @@ def _frame_figures(location: Location, frame: str) -> Figures:
     }
 
 
-def _command_figures(location: Location) -> Figures:
-    """Return the pose that was commanded, of a robot that is commanded by poses."""
-    if not isinstance(location, LadleLocation):
-        return {}
-    x, y, z, tilt = location.commanded.to_mm_deg()
-    return {
-        "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
-        "in_workspace": location.in_workspace,
-        "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
-        "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
-    }
-
-
-def _limit_figures(location: Location) -> Figures:
-    """Return the joint that is nearest to its limits; nothing where none has any."""
-    if not location.reach:
-        return {}
-    limiting = location.reach[0]
-    unit, scale = joint_shown_in(limiting.unit)
-    return {
-        "limiting_joint": {
-            "joint": limiting.joint,
-            f"value_{unit}": limiting.value / scale,
-            f"margin_{unit}": limiting.margin / scale,
-        }
-    }
-
-
 def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
     """Return everything known of one location, ready for JSON; units are in the names.
 
@@ -84,13 +56,17 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
     and torque are those with which its second frame pulls at the first one's chain, in the axes of the second frame.
     They follow from the stiffness in the loops file, which is assumed.
     """
-    actual = location.actual
+    actual, figures = location.actual, Figures()
+    if isinstance(location, LadleLocation):  # of a robot that is commanded by poses
+        x, y, z, tilt = location.commanded.to_mm_deg()
+        figures |= {
+            "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
+            "in_workspace": location.in_workspace,
+            "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
+            "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
+        }
     wrenches = zip(actual.mechanism.loops.names, actual.internal_wrench, strict=True)
-    sideways = {}
-    if weakness is not None:  # how far the most harmful axis tilt moves the pouring lip along y
-        sideways["sideways"] = {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
-    return {
-        **_command_figures(location),
+    figures |= {
         "drives": joint_figures(location.nominal.mechanism, location.drives),
         "frames": {frame: _frame_figures(location, frame) for frame in location.loops.reported_frames},
         "closure": {
@@ -106,12 +82,17 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
                 "loops": {n: {"force_N": w[:3].tolist(), "torque_Nm": w[3:].tolist()} for n, w in wrenches},
             },
         },
-        **_limit_figures(location),
-        "dexterity": {
-            "condition": dexterity.condition,
-            "nearer_singularity": dexterity.singularity,
-            "distance": dexterity.distance,
-            "characteristic_length_mm": dexterity.length_m / MM,
-        },
-        **sideways,
     }
+    if location.reach:  # the joint that is nearest to its limits
+        limiting, (unit, scale) = location.reach[0], joint_shown_in(location.reach[0].unit)
+        value, margin = limiting.value / scale, limiting.margin / scale
+        figures["limiting_joint"] = {"joint": limiting.joint, f"value_{unit}": value, f"margin_{unit}": margin}
+    figures["dexterity"] = {
+        "condition": dexterity.condition,
+        "nearer_singularity": dexterity.singularity,
+        "distance": dexterity.distance,
+        "characteristic_length_mm": dexterity.length_m / MM,
+    }
+    if weakness is not None:  # how far the most harmful axis tilt moves the pouring lip along y
+        figures["sideways"] = {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
+    return figures
