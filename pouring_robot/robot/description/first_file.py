@@ -167,16 +167,12 @@ def loops_beside(urdf: Path) -> Path | None:
 
 def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tuple[str, str, str]]:
     """Return links that end branches and stand together in the zero pose: two names, and 6d where their axes do too."""
-    frames = mechanism.frames_at(mechanism.neutral_configuration()).oMf
-    apart = {
-        (a, b): pin.log6(frames[mechanism.frame_id(a)].actInv(frames[mechanism.frame_id(b)]))
-        for a, b in itertools.combinations(ends, 2)
-    }
-    return [
-        (a, b, "6d" if np.linalg.norm(motion.angular) < _TOGETHER else "3d")
-        for (a, b), motion in apart.items()
-        if np.linalg.norm(motion.linear) < _TOGETHER
-    ]
+    frames, found = mechanism.frames_at(mechanism.neutral_configuration()).oMf, list[tuple[str, str, str]]()
+    for a, b in itertools.combinations(ends, 2):
+        motion = pin.log6(frames[mechanism.frame_id(a)].actInv(frames[mechanism.frame_id(b)]))
+        if np.linalg.norm(motion.linear) < _TOGETHER:
+            found.append((a, b, "6d" if np.linalg.norm(motion.angular) < _TOGETHER else "3d"))
+    return found
 
 
 def _quoted(name: str) -> str:

@@ -104,9 +104,7 @@ class Assembly:
         ``urdf`` is the tree as it is exported, whose meshes are called as their files are; by default as it is drawn.
         """
         root, mechanism = etree.fromstring(urdf or closed.urdf.encode()), closed.mechanism
-        paint = {
-            m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None
-        }
+        paint = {m.get("name"): m.find("color").get("rgba") for m in root.iterfind(".//material[color]")}
         links = {str(link.get("name")): link for link in root.iterfind("link")}
         kept = (entry for entry in root.iterfind("joint") if entry.get("name") not in mechanism.loops.cut_joints)
         joints = {joint.child: joint for joint in (_joint(entry, closed) for entry in kept)}
