@@ -34,10 +34,9 @@ class AxisWeakness:
 
 def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
     """Return the largest sideways entry of a frame's G over all axis tilts of the chains; raises SingularPoseError."""
-    paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
-    shared = {*paths[loops.base_frame], *loops.cut_joints}
-    chains = dict.fromkeys(name for end in loops.loop_frames for name in paths[end])
-    tilts = [p for p in placement_parameters(name for name in chains if name not in shared) if p.unit == "rad"]
+    mechanism = solver.mechanism
+    chains = dict.fromkeys(name for end in mechanism.loops.loop_frames for name in mechanism.frame_paths[end])
+    tilts = [p for p in placement_parameters(n for n in chains if n in mechanism.seen_joints) if p.unit == "rad"]
     sideways = np.abs(closed_chain_transfer(solver, result, tilts, frame).matrix[1])
     worst = int(np.argmax(sideways))
     return AxisWeakness(tilts[worst].name, float(sideways[worst]))

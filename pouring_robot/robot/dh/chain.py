@@ -44,7 +44,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 TRANSFORMS = ("O0", "01", "12", "23", "34", "45", "56", "6o")
@@ -63,7 +63,7 @@ _REPRODUCTION_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class DHChain:
+class DHChain(ReadOnly):
     """One chain: its nominal DH numbers and where they sit in the URDF."""
 
     number: int  # 1 to 4, the place of its loop in the loops file
@@ -170,8 +170,6 @@ def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
     before, after = inverse(sites), np.zeros((6, 4, 4))
     before[1:SEAT] = before[1:SEAT] @ carried[:-1]
     after[:SEAT], after[SEAT] = inverse(carried), inverse(carried[-1]) @ closing
-    for array in (nominal, before, after):
-        array.setflags(write=False)
     chain = DHChain(index + 1, joints, nominal, before, after)
     worst = float(np.abs(chain.displacements(np.zeros((8, 4))) - np.eye(4)).max())
     if worst > _REPRODUCTION_TOLERANCE:
