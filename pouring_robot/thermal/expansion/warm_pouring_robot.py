@@ -148,7 +148,7 @@ class PoseShares:
 
 
 class HeatedRobot:
-    """A robot as built, warmed by its melt. Its network holds a cache: one object a thread.
+    """A robot as built, warmed by its melt.
 
     ``heat``: how warm it is; None: not at all. ``network``: by default made when it is needed, from the robot and the
     properties of ``heat``; where these do not fit the layout, or it is another robot than the pouring robot,
@@ -281,15 +281,14 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
     strain, threads = np.zeros((len(poses), 6)), whole(threads, 1, "threads are a number of them, from 1 on")
     if heated.heat is None or not len(poses):
         return strain
-    done, network = [0], heated.network
+    done, heated = [0], HeatedRobot(heated.robot, heated.heat, heated.network)  # made before threads ask
 
     def take(rows: Indices) -> None:
-        own = HeatedRobot(heated.robot, heated.heat, network.twin())
         field = None
         for row in rows:
             x, y, z, tilt = poses[row].tolist()
-            field = own.field(PlatformPose((x, y, z), tilt), field)
-            grown = own.expansion(field)
+            field = heated.field(PlatformPose((x, y, z), tilt), field)
+            grown = heated.expansion(field)
             strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
             done[0] += 1
             show("temperatures", done[0], len(poses))

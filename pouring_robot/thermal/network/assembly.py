@@ -6,11 +6,10 @@ rods and bars, through U joints, and from the melt through lining and shell into
 to the surroundings by convection and re-radiation.
 """
 
-import copy
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +39,8 @@ class ThermalNetwork:
     mechanism, bars from its URDF, sizes from its layout; the properties are by default those of the shipped
     ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, each
     bar of the platforms by default into a fifth of that. Without radiation there are conduction and convection only.
-    Holds a cache of poses: one object a thread. Temperatures that are none of a melt, or of surroundings, raise
-    TemperatureError, a part that is connected to nothing ThermalSolutionError.
+    Temperatures that are none of a melt, or of surroundings, raise TemperatureError, a part that is connected to
+    nothing ThermalSolutionError.
 
     Raises:
         BadInputError: no whole number of elements, four or more of a leg, or the ladle's shell leaves no lining.
@@ -69,19 +68,6 @@ class ThermalNetwork:
         self._disc = DiscChords.of(self.bodies.ladle.melt_radius_m)
         self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
         self._capacity = self.bodies.capacities()
-        self._built = functools.lru_cache(_KEPT_POSES)(self._build)
-
-    def twin(self) -> Self:
-        """Return the same network with a cache of its own, for another thread."""
-        return copy.copy(self)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy, or another process, has in common: all but the cache."""
-        return {name: value for name, value in vars(self).items() if name != "_built"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._built = functools.lru_cache(_KEPT_POSES)(self._build)
 
     def steady(
         self,
@@ -117,7 +103,7 @@ class ThermalNetwork:
         return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
 
     def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
-        return self._built(tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist()))
+        return _built(self, tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist()))
 
     def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
@@ -179,6 +165,11 @@ class ThermalNetwork:
         faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
         factors = hidden_view_factors(faces, middles, normals, self._disc, self.bodies.in_the_way_m)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
+
+
+@functools.lru_cache(_KEPT_POSES)  # of all networks and threads
+def _built(network: ThermalNetwork, placements: tuple[float, ...]) -> tuple[Circuit, LegExposure, FloatArray]:
+    return network._build(placements)
 
 
 @one_blas_thread()

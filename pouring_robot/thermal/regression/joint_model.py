@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
+from sklearn.metrics import r2_score
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -187,10 +188,9 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
         """Return R² of P_end over all sets of y, shape (n, k) or (n,), each number counted alike."""
         table = np.asarray(y, dtype=float).reshape(len(np.asarray(y)), -1)
-        weights = np.ones(len(table)) if sample_weight is None else np.asarray(sample_weight, dtype=float)
-        centre = np.average(table.mean(axis=1), weights=weights)
-        left = weights @ ((table - self.predict(X)[:, None]) ** 2).sum(axis=1)
-        return float(1.0 - left / (weights @ ((table - centre) ** 2).sum(axis=1)))
+        weights = np.ones(len(table)) if sample_weight is None else sample_weight
+        predicted, weights = (np.repeat(one, table.shape[1]) for one in (self.predict(X), weights))
+        return float(r2_score(table.ravel(), predicted, sample_weight=weights))
 
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that y is a table."""

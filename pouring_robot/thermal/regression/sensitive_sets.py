@@ -32,7 +32,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.cluster.hierarchy import cophenet, fcluster, linkage
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import squareform
 from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.feature_selection import SelectorMixin
@@ -103,10 +102,8 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
             # SciPy's linkage matrix over the distances 1 − r, shape (k − 1, 4), and t(R), shape (k, k)
             self.linkage_ = linkage(squareform(1.0 - self.similarity_, checks=False), "single")
             self.closure_ = 1.0 - squareform(cophenet(self.linkage_))
-            if self.lambda_cut is None:
-                labels = fcluster(self.linkage_, self.n_clusters, "maxclust")
-            else:
-                labels = connected_components(self.closure_ >= self.lambda_cut - _SAME, directed=False)[1]
+            cut = self.n_clusters if self.lambda_cut is None else 1.0 - self.lambda_cut + _SAME
+            labels = fcluster(self.linkage_, cut, "maxclust" if self.lambda_cut is None else "distance")
         _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
         self.labels_ = np.argsort(np.argsort(first))[inverse]  # group of each set, from 0 in order of first appearance
         self.n_clusters_ = len(first)
