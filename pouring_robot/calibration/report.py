@@ -206,7 +206,7 @@ def html_report(calibration: CalibrationFindings) -> str:
     ]
     title = f"Calibration with {calibration.campaign.path.name}"
     links = {"the calibrated model": MODEL, "all figures": FIGURES}
-    return html_page(title, title, blocks, links=links, data=[calibration.campaign.path])
+    return html_page(title, blocks, links=links, data=[calibration.campaign.path])
 
 
 def write_calibration(calibration: CalibrationFindings, folder: Path | str, *, overwrite: bool = False) -> list[Path]:

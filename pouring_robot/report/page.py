@@ -84,25 +84,19 @@ Block = Heading | Paragraph | Table | Lines | Plot
 
 
 def html_page(
-    title: str,
-    heading: str,
-    blocks: Iterable[Block],
-    *,
-    links: Mapping[str, str] | None = None,
-    data: Sequence[Path] = (),
+    title: str, blocks: Iterable[Block], *, links: Mapping[str, str] | None = None, data: Sequence[Path] = ()
 ) -> str:
     """Return a page; every text of it may hold anything, for it is escaped.
 
     Args:
-        title: of the window.
-        heading: of the page.
+        title: of the window, and the heading of the page.
         blocks: its content, from top to bottom.
         links: files beside it by what they are.
         data: the files it is about; their hashes stand at its end, with the version and the time.
     """
     drawn = [(type(block).__name__.lower(), block) for block in blocks]  # by the macro of that name
     template = templates("pouring_robot.report").get_template("report.html.j2")
-    return template.render(title=title, heading=heading, blocks=drawn, links=links or {}, origin=origin(data))
+    return template.render(title=title, blocks=drawn, links=links or {}, origin=origin(data))
 
 
 def origin(data: Iterable[Path]) -> list[str]:

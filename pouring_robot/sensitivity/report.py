@@ -234,7 +234,7 @@ class SensitivityReport(Result):
             blocks += [Heading("The DH table"), dh_table(self)]
         links = {"a row an error": "sensitivity.csv", "all figures": "sensitivity.json"}
         title = f"Sensitivity of {self.robot}"
-        files[folder / "report.html"] = html_page(title, title, blocks, links=links)
+        files[folder / "report.html"] = html_page(title, blocks, links=links)
         return list(write_together(files, overwrite=overwrite))
 
 

@@ -24,7 +24,7 @@ def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title:
     """
     figure = pose_picture(drawn, "") if isinstance(drawn, PoseHeat) else shift_picture(drawn, "")
     plot = Plot("Temperatures, and what they move", svg_of(figure))
-    return html_page("Heat", "Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
+    return html_page("Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
 
 
 def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:

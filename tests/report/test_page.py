@@ -42,7 +42,7 @@ class Reader(HTMLParser):
 
 
 def test_every_tag_is_closed_and_no_text_is_taken_for_one():
-    page = html_page(EVIL, EVIL, BLOCKS)
+    page = html_page(EVIL, BLOCKS)
     reader = Reader()
     reader.feed(page)
     assert not reader.open
@@ -54,7 +54,7 @@ def test_every_tag_is_closed_and_no_text_is_taken_for_one():
 
 
 def test_blocks_stand_in_their_order_and_look_as_asked():
-    page = html_page("t", "h", BLOCKS)
+    page = html_page("t", BLOCKS)
     assert page.index('class="warn"') < page.index('class="lead"') < page.index("<details>") < page.index("<figure>")
     assert '<li class="sub">below it</li>' in page and page.count('class="mono"') == 1
     assert "<svg></svg>" in page and 'name="viewport"' in page and "prefers-color-scheme:dark" in page
@@ -63,7 +63,7 @@ def test_blocks_stand_in_their_order_and_look_as_asked():
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium, which no Python package brings")
 def test_what_is_folded_is_printed(tmp_path):
-    page, words = html_page("t", "h", BLOCKS), []
+    page, words = html_page("t", BLOCKS), []
     for name, content in (("folded", page), ("open", page.replace("<details>", "<details open>"))):
         (tmp_path / f"{name}.html").write_text(content)
         command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
@@ -80,10 +80,10 @@ def test_what_is_folded_is_printed(tmp_path):
 def test_headings_stand_over_their_cells():
     table = Table(("name", "a", "b", "c", "d"), [("x", "1.0", "+3 ± 2", "mm", ""), ("y", "−2", "4 %", "", "–")])
     assert table.left == {0, 3}
-    page = html_page("t", "h", [table])
+    page = html_page("t", [table])
     rows = [re.findall(r'<t[hd]( class="l")?>', row) for row in re.findall("<tr>.*</tr>", page)]
     assert len(rows) == 3 and rows[0] == rows[1] == rows[2] == [' class="l"', "", "", ' class="l"', ""]
-    ragged = html_page("t", "h", [Table(("name", "a", "b"), [("x", "1", "2"), ("y",)])])
+    ragged = html_page("t", [Table(("name", "a", "b"), [("x", "1", "2"), ("y",)])])
     assert [row.count("<td") for row in re.findall("<tr>.*</tr>", ragged)] == [0, 3, 3]
 
 
@@ -91,7 +91,7 @@ def test_a_page_says_when_and_of_what_it_was_made(tmp_path, monkeypatch):
     data = tmp_path / "<campaign>.csv"
     data.write_bytes(b"q1_mm\n1\n")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
-    page = html_page("t", "h", [], links={"the model": "model.yaml"}, data=[data, tmp_path / "gone.csv"])
+    page = html_page("t", [], links={"the model": "model.yaml"}, data=[data, tmp_path / "gone.csv"])
     assert f"Made 1970-01-02 00:00 UTC by pouring_robot {__version__}." in page
     assert hashlib.sha256(b"q1_mm\n1\n").hexdigest() in page and "&lt;campaign&gt;.csv: SHA-256" in page
     assert "gone" not in page and '<a href="model.yaml">the model</a>' in page

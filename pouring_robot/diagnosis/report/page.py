@@ -61,7 +61,7 @@ def html_report(
         blocks += [Heading("Measurements that tell most"), Paragraph(_ADDED), _measurements(diagnosis, suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
     title = f"Diagnosis of {diagnosis.campaign.path.name}"
-    return html_page(title, title, blocks, links=links, data=[diagnosis.campaign.path])
+    return html_page(title, blocks, links=links, data=[diagnosis.campaign.path])
 
 
 def _rows_used(diagnosis: Conclusions) -> str:

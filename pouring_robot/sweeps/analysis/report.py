@@ -208,7 +208,7 @@ def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str
         blocks.append(allocation_table(found.allocation))
     blocks += [Heading(f"The tolerances that matter most ({frame})"), ranking_table(found)]
     title = f"Sweep in {found.store.folder.name}"
-    return html_page(title, title, blocks, links=links, data=[config.source] if config.source else [])
+    return html_page(title, blocks, links=links, data=[config.source] if config.source else [])
 
 
 @own_look()

@@ -290,7 +290,7 @@ def html_report(found: RegressionReport) -> str:
     source = Path(found.source)
     plot = Plot("What each method leaves of sets left out (RMS), direction by direction", svg_of(_figure(found)))
     title = f"Regression of {source.name}"
-    return html_page(title, title, [Paragraph(found.headline, "headline"), plot, *blocks(found)], data=[source])
+    return html_page(title, [Paragraph(found.headline, "headline"), plot, *blocks(found)], data=[source])
 
 
 def blocks(found: RegressionReport) -> list[Block]:
