@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.batch import BatchStart, BatchTransfer, CompiledEngine, SiteErrors, engine_for
+from pouring_robot.batch import BatchStart, CompiledEngine, SiteErrors, engine_for
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter
+from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import Parameter, ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
@@ -75,10 +76,9 @@ def study(model: RobotModel, request: Request | None, progress: Progress) -> Sen
     if len(start) < 2:
         raise NoSolutionError(f"{definition.name} closes at {len(start)} poses only; check its home and its limits")
     engine = engine_for(mechanism)
-    found = _transfers(engine, drives, start, [p.local for p in parameters], progress)
-    samples = tuple(
-        ErrorSamples(kind, parameters, *_moved(matrix, rotation @ offset, sizes)) for kind, matrix, rotation in found
-    )
+    found = _transfers(engine, drives, start, [p.local for p in parameters], offset, progress)
+    moves = {kind: np.ascontiguousarray(np.moveaxis(matrix * sizes, 2, 0)) for kind, matrix in found.items()}
+    samples = tuple(ErrorSamples(kind, parameters, moved[..., :3], moved[..., 3:]) for kind, moved in moves.items())
     check = _against_exact(engine, drives, start, samples[0], sizes, offset)
     table = catalogue.table.parameters if catalogue.table else ()
     return SensitivityReport(definition.name, frame, request, tuple(parameters), samples, check, table)
@@ -115,32 +115,24 @@ def _transfers(
     drives: FloatArray,
     start: BatchStart,
     wanted: Sequence[PlacementParameter | DriveParameter],
+    offset: FloatArray,
     progress: Progress,
-) -> list[tuple[ChainKind, FloatArray, FloatArray]]:
-    """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
+) -> dict[ChainKind, FloatArray]:
+    """Return G (n, 6, P) at an offset from the end's origin: of the closed chain and, if there are any, of branches."""
     chains = engine if isinstance(engine, CompiledEngine) and not engine.structure.is_serial else None
-    closed, opened, rotations = list[BatchTransfer](), list[BatchTransfer](), list[FloatArray]()
+    parts: dict[ChainKind, list[FloatArray]] = {"closed chain": [], "open branch": []}
     for first in range(0, len(start), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         found = engine.close(drives[part], start[part]).require_all()
-        rotations.append(found.rotation)
-        closed.append(engine.transfer(found, wanted))
-        if chains:
-            opened.append(chains.transfer_open_branch(found.joints, wanted))
+        opened = [chains.transfer_open_branch(found.joints, wanted)] if chains else []
+        for own, transfer in zip(parts.values(), (engine.transfer(found, wanted), *opened), strict=False):
+            if transfer.status.any():
+                mend = "name all that is driven, or narrow the range of poses, of another robot its joints' limits"
+                raise NoSolutionError(f"the drives do not determine the robot at a pose of the workspace; {mend}")
+            place = moved_point(transfer.matrix, found.rotation @ offset)
+            own.append(np.concatenate([place, transfer.matrix[:, 3:]], axis=1))
         progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
-    if any(transfer.status.any() for transfer in closed + opened):
-        mend = "name all that is driven, or narrow the range of poses, of another robot its joints' limits"
-        raise NoSolutionError(f"the drives do not determine the robot at a pose of the workspace; {mend}")
-    rotation = np.concatenate(rotations)
-    kinds: dict[ChainKind, list[BatchTransfer]] = {"closed chain": closed, "open branch": opened}
-    return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in kinds.items() if found]
-
-
-def _moved(matrix: FloatArray, lever: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return translations and rotation vectors (P, n, 3) of a point at levers (n, 3) from the end's origin."""
-    scaled = np.moveaxis(matrix * sizes, 2, 0)
-    turn = np.ascontiguousarray(scaled[..., 3:])
-    return scaled[..., :3] + np.cross(turn, lever), turn
+    return {kind: np.concatenate(own) for kind, own in parts.items() if own}
 
 
 def _against_exact(

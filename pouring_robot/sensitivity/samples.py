@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Literal, Self, TypeVar
 
 import numpy as np
 
@@ -34,11 +34,12 @@ class ErrorSamples(Generic[P]):
     translation_m: FloatArray  # shape (P, n, 3)
     rotation_rad: FloatArray  # rotation vectors, shape (P, n, 3)
 
-    def subset(self, wanted: Collection[P]) -> ErrorSamples[P]:
+    def subset(self, wanted: Collection[P]) -> Self:
         """Return the samples of some of the parameters, in the order they have here."""
         places = [k for k, parameter in enumerate(self.parameters) if parameter in wanted]
         chosen = tuple(self.parameters[k] for k in places)
-        return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
+        moves, turns = self.translation_m[places], self.rotation_rad[places]
+        return replace(self, parameters=chosen, translation_m=moves, rotation_rad=turns)
 
     def moves(self, label: str) -> FloatArray:
         """Return the translations of the error with this one of the :attr:`labels`, shape (n, 3), in m."""

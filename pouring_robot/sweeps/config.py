@@ -35,14 +35,6 @@ class Margin:
     from_deviates: Callable[[FloatArray], FloatArray]  # errors for standard normal deviates of any shape
 
 
-def _uniform(half_width: float) -> Margin:
-    return Margin(half_width, half_width / np.sqrt(3.0), functools.partial(_evenly, half_width))
-
-
-def _normal(std: float) -> Margin:
-    return Margin(NORMAL_TOLERANCE_SIGMAS * std, std, functools.partial(np.multiply, std))
-
-
 def _truncated(std: float, limit: float) -> Margin:
     cut = limit / std
     inside = scipy.special.erf(cut / np.sqrt(2.0))
@@ -61,8 +53,8 @@ def _within(std: float, inside: float, deviates: FloatArray) -> FloatArray:
 
 
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Margin]]] = {
-    "uniform": (("half_width",), _uniform),
-    "normal": (("std",), _normal),
+    "uniform": (("half_width",), lambda half: Margin(half, half / np.sqrt(3.0), functools.partial(_evenly, half))),
+    "normal": (("std",), lambda std: Margin(NORMAL_TOLERANCE_SIGMAS * std, std, functools.partial(np.multiply, std))),
     "truncated_normal": (("std", "limit"), _truncated),
 }
 """What each is made of: its sizes, first how wide it is, which it needs in the unit of every parameter."""

@@ -12,7 +12,7 @@ first order. What the paper says of it is judged in the modules
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +48,6 @@ NAMED_SENSITIVE = ("α01", "α12", "α23", "α34", "α56", "θ1")
 
 class ErrorSamples(samples.ErrorSamples[DHParameter]):
     """How each error of the DH table alone moves the platform, and what the paper asks of that."""
-
-    def subset(self, wanted: Collection[DHParameter]) -> ErrorSamples:
-        """Return the samples of some of the parameters, in the order they have here."""
-        part = super().subset(wanted)
-        return ErrorSamples(part.kind, part.parameters, part.translation_m, part.rotation_rad)
 
     def of_chain(self, chain: int) -> ErrorSamples:
         """Return the samples of one chain's errors."""
