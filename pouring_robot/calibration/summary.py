@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+from typing import Any
 
 import numpy as np
 import scipy.special
@@ -24,8 +25,9 @@ from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.noise import FALSE_ALARMS
 from pouring_robot.exceptions import counted, some
 from pouring_robot.io.figures import without_nan
-from pouring_robot.io.units import MM, MRAD
+from pouring_robot.io.units import MM
 from pouring_robot.mechanism.poses import pose_figures
+from pouring_robot.report.page import sentences
 from pouring_robot.robot.location_figures import Figures
 from pouring_robot.robot.model import RobotModel
 
@@ -34,118 +36,51 @@ MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # below, and by the rows that are left out
+    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # elsewhere, and by the rows that are left out
     weighty = (flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told)
     limits = (flag for flag in calibration.flags if flag.code is FlagCode.UNREACHABLE_DRIVES)  # may leave out many
-    found = [flag.message for flag in (*limits, *weighty)]
-    if calibration.refused:
-        moved = _moved(calibration, calibration.refused.before, calibration.refused.after)
-        found.append(
-            f"rows held out refuse what was found ({', '.join(calibration.refused.groups)}): {moved}; it is not in the "
-            "model, which is unchanged: what is off is not, or not only, geometry"
-        )
-    elif not calibration.changed:
-        found.append("no parameter helped rows that were held out, so the model is unchanged")
-    found += _not_shown(calibration)
-    found += _cold(calibration)
-    times = _times_the_tolerances(calibration)
-    if times > 1.0:
-        found.append(
-            f"what was kept is {times:.1f} times as far off as its tolerances say parts are, so they hold the fit "
-            "back: state what this robot's are (--tolerances)"
-        )
-    if calibration.inflation > 1.0:
-        dropped = ", ".join(_dropped(calibration))
-        or_them = f", or what was not kept ({dropped}; --keep-all keeps all)" if dropped else ""
-        found.append(
-            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect{or_them}; intervals "
-            "are those of a noise as large, or of how far rows of other times move the fit where that is more; what "
-            "the effect does in a pose is not in them"
-        )
-    if calibration.noise.from_residuals:
-        said = "the noise was not stated and comes from the fit's own residuals; it cannot judge the fit"
-        found.append("; ".join((said, *calibration.noise.doubts)))
-    found += calibration.noise.too_large(calibration.fit.equations.components, *calibration.fit.left_over)
-    if not calibration.fit.converged:
-        found.append(
-            f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "
-            "deviations, so intervals are rough"
-        )
-    if failed := calibration.fit.equations.failed.size:
-        found.append(f"no pose of the robot has the drives of {counted(failed, 'row')}; left out")
-    return [*found, *_worse(calibration)]
+    failed, refused = calibration.fit.equations.failed.size, calibration.refused
+    said = _said(
+        "warnings",
+        c=calibration,
+        refused=_moved(calibration, refused.before, refused.after) if refused else "",
+        worse=_worse(calibration),
+        dropped=_dropped(calibration),
+        times=_times_the_tolerances(calibration),
+        failed=counted(failed, "row") if failed else "",
+    )
+    return [*(flag.message for flag in (*limits, *weighty)), *said]
 
 
 def notes_of(calibration: CalibrationFindings) -> list[str]:
     """Return what is as it should be, but must be known to read the figures; one line each."""
     if not calibration.changed:
         return [*calibration.untold]
-    found = [*calibration.untold, *_shown_nowhere(calibration)]
     lines = parameter_lines(calibration)
     held = [line.name for line in lines if line.learnt < LEARNT]
-    if held:
-        found.append(
-            f"{len(held)} of {len(lines)} parameters are, each by itself, held by their tolerances ({some(held, 6)}); "
-            "what the data determine of them are combinations, listed by name"
-        )
-    if dropped := _dropped(calibration):
-        found.append(
-            f"not needed to predict rows held out, so taken as exact: {', '.join(dropped)}; where they are off, what "
-            "was kept moves in their place, by more than its interval says: trust the predicted pose more than the "
-            "names of what moved"
-        )
-    return found
+    dropped = _dropped(calibration)
+    said = _said("notes", c=calibration, held=len(held), names=some(held, 6), count=len(lines), dropped=dropped)
+    return [*calibration.untold, *said]
+
+
+def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:
+    """Return those of the warnings and notes that whoever uses the calibrated model must know."""
+    return _said("of_the_model", c=calibration, worse=_worse(calibration))
+
+
+def _said(what: str, **known: Any) -> list[str]:
+    return sentences("pouring_robot.calibration", what, **known)
 
 
 def _dropped(calibration: CalibrationFindings) -> list[str]:
     return [group.name for group in calibration.candidates if group not in calibration.selection.groups]
 
 
-def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:
-    """Return those of the warnings and notes that whoever uses the calibrated model must know."""
-    nowhere = _shown_nowhere(calibration) if calibration.changed else []
-    return [*_not_shown(calibration), *_cold(calibration), *_worse(calibration), *nowhere]
-
-
-def _not_shown(calibration: CalibrationFindings) -> list[str]:
-    unseen = calibration.rank_anywhere - calibration.base.rank
-    if not calibration.changed or unseen <= 0:
-        return []
-    return [
-        f"rank deficient: these poses do not show {unseen} of {calibration.rank_anywhere} combinations of "
-        "parameters that other poses would show; tolerances alone decide along them, so do not trust the model far "
-        "from the poses measured: measure the plan that is suggested next, and calibrate again"
-    ]
-
-
-def _shown_nowhere(calibration: CalibrationFindings) -> list[str]:
-    names = calibration.base.names
-    never = len(names) - calibration.rank_anywhere
-    if not never:
-        return []
-    seen, some = calibration.campaign.seen, f"{never} of {len(names)} directions (outer frames included) move"
-    shared = "tolerances share the movement out among the names that are tied together"
-    if seen in ("distances", "closures"):  # nobody has asked which others would show them
-        return [f"rank deficient: {some} none of the {seen} measured; {shared}"]
-    nowhere = f"the {seen.removesuffix('s')} of the target nowhere in the workspace"
-    more = "no further measurement tells them and predicting the target needs none of them"
-    return [f"rank deficient by nature: {some} {nowhere}; {more}; {shared}"]
-
-
-def _cold(calibration: CalibrationFindings) -> list[str]:
-    line = (
-        "the heat section of the model took no part, it stays in the file as it was: right if the robot was cold "
-        "when it was measured; if it was warm, its growth is in the geometry now and must not be counted again"
-    )
-    return [line] if calibration.present.heat is not None else []
-
-
-def _worse(calibration: CalibrationFindings) -> list[str]:
-    """Return that the held-out rows do not bear what was kept, as they are asked where groups are chosen."""
+def _worse(calibration: CalibrationFindings) -> str | None:
+    """Return what of held-out rows is worse; None where they bear what was kept, as they are asked for groups."""
     if acceptable(*calibration.held_out_scores):
-        return []
-    worse = _moved(calibration, *(calibration.misfit(calibration.split.test, after=a) for a in (False, True)))
-    return [f"worse on held-out rows{f': {worse}' if worse else ', row by row'}; do not use this model"]
+        return None
+    return _moved(calibration, *(calibration.misfit(calibration.split.test, after=a) for a in (False, True)))
 
 
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:
@@ -296,39 +231,14 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
 
 def next_measurements(calibration: CalibrationFindings) -> list[str]:
     """Return what to measure next, one sentence each."""
-    found = []
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
-    noise, present = calibration.noise, calibration.present
-    tool, _ = present.definition.tool_words
-    seen = "--position-only" if not noise.turned else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
-    deficient = calibration.rank_anywhere > calibration.base.rank
-    purpose = "determine what is still open" if deficient else "narrow the intervals most"
+    present, deficient = calibration.present, calibration.rank_anywhere > calibration.base.rank
     whose = f"--robot {os.path.relpath(present.definition.path)} " if present.robot else ""
     if present.layouts_file:  # only a model file names another
         whose = f"--model {MODEL} "
     elif present.layout != RobotModel().layout:
         whose = f"--layout {present.layout} "
-    if not calibration.campaign.redundant_drives:
-        found.append(
-            f"poses that {purpose}: pouring-robot campaign plan {whose}--out next.csv --priors "
-            f"--sigma-mm {noise.length_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
-        )
-    elif deficient:
-        found.append(f"other poses, that {purpose} of {', '.join(groups)}")
     ladle = _ladle(calibration)
-    if ladle["poses"]:
-        pose = ladle["worst_pose"]
-        tilt = f", tilt {pose['tilt_deg']:z.0f}°" if "tilt_deg" in pose else ""
-        found.append(
-            f"{tool} is known least at x {pose['x_mm']:z.0f}, y {pose['y_mm']:z.0f}, z {pose['z_mm']:z.0f} mm{tilt}: "
-            f"measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
-        )
-    if calibration.performance is None:
-        found.append("no pose was measured three times: repeat some, to know the repeatability and the noise")
-    if calibration.campaign.seen == "positions":
-        found.append("only positions were measured: full poses tell axes from centres with fewer rows")
-    if calibration.inflation > 1.0:
-        found.append("residuals exceed the noise: run pouring-robot diagnose on this campaign to name what is missing")
-    return found
+    return _said("next", c=calibration, groups=groups, deficient=deficient, whose=whose, ladle=ladle)

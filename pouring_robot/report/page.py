@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pouring_robot import __version__
 
@@ -107,19 +107,26 @@ def origin(data: Iterable[Path]) -> list[str]:
     return [made, *(f"{path}: SHA-256 {digest}" for path, digest in hashes)]
 
 
+def sentences(package: str, what: str, **known: Any) -> list[str]:
+    """Return the lines of a macro of a package's ``sentences.txt.j2``, by what it takes."""
+    macros = templates(package).get_template("sentences.txt.j2").module
+    return [line for line in getattr(macros, what)(**known).splitlines() if line]
+
+
 @functools.cache
 def templates(package: str) -> Environment:
-    """Return the templates of a package's folder ``templates``; what is put into them is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    """Return the templates of a package's folder ``templates``; what is put into those of HTML is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
     found = Environment(
         loader=PackageLoader(package),
-        autoescape=True,
+        autoescape=select_autoescape(["html.j2"]),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    found.filters["shown"] = format
     found.filters["base64"] = lambda data: base64.b64encode(data).decode()
     found.filters["css"] = lambda colour: ", ".join(str(round(255 * value)) for value in colour)
     return found
