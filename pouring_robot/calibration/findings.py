@@ -104,7 +104,7 @@ class CalibrationFindings(Result):
     @property
     def held_out_scores(self) -> tuple[FloatArray, FloatArray]:
         """Scores of the held-out rows before and after, see :func:`~pouring_robot.calibration.selection.row_scores`."""
-        test = np.setdiff1d(self.split.test, self.left_out)
+        test = self.split.test
         return row_scores(self.before[test], self._sigma), row_scores(self.after[test], self._sigma)
 
     @property
@@ -122,7 +122,7 @@ class CalibrationFindings(Result):
     @property
     def headline(self) -> str:
         """The outcome in one sentence: held-out error before and after, and the noise."""
-        test = np.setdiff1d(self.split.test, self.left_out)
+        test = self.split.test
         before, after = (vars(self.misfit(test, after=a)) for a in (False, True))
         floor, units = self.floor(test), [unit for unit in ("mm", "mrad") if math.isfinite(before[f"rms_{unit}"])]
         unseen = self.noise.unseen(np.flatnonzero(np.isfinite(self.before[test]).any(axis=0)))

@@ -111,7 +111,6 @@ def _moved(calibration: CalibrationFindings, before: Misfit, after: Misfit) -> s
 def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     """Return everything found."""
     split, fit = calibration.split, calibration.fit
-    test = np.setdiff1d(split.test, calibration.left_out)
     content = {
         "format": "pouring_robot/calibration/1",
         "status": "calibrated" if calibration.changed else "unchanged",
@@ -122,7 +121,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "rows": {
             "all": len(calibration.campaign),
             "train": int(split.train.size),
-            "held_out": int(test.size),
+            "held_out": int(split.test.size),
             "left_out_lines": [int(calibration.campaign.lines[row]) for row in calibration.left_out],
             "not_closing": int(fit.equations.failed.size),
         },

@@ -17,7 +17,6 @@ climbs on from there to its tops; what is stated is the highest, rounded up.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, ReadOnly, grid
 from pouring_robot.mechanism.closure.status import CLOSED, SINGULAR, STATUS_NAMES
 from pouring_robot.mechanism.joint_limits import within_limits
 from pouring_robot.mechanism.rotations import moved_point, rotation_vectors, tilt_rates, tilts
+from pouring_robot.report.page import templates
 from pouring_robot.report.result import Result
 from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
@@ -48,7 +48,6 @@ NOT_FOUND = "not found"
 POINTS = (5, 5, 7, 8)
 """Chebyshev points along x, y, z and the tilt."""
 _CLIMBERS, _TRIES, _CLIMBS = 8, 8, 4
-_HEADER = Path(__file__).with_name("controller.h.j2")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,15 +220,14 @@ class Controller(ReadOnly, Result):
 
     def header(self) -> str:
         """Return it as a C header: one function, no memory, no library but math.h."""
-        import jinja2
 
         def listed(array: FloatArray) -> str:
             if array.ndim == 1:
                 return "{" + ", ".join(repr(float(value)) for value in array) + "}"
             return "{" + ",\n".join(listed(part) for part in array) + "}"
 
-        template = jinja2.Template(_HEADER.read_text(encoding="utf-8"), keep_trailing_newline=True)
-        return str(template.render(controller=self, points=POINTS, listed=listed, version=__version__))
+        template = templates("pouring_robot.compensation").get_template("controller.h.j2")
+        return template.render(controller=self, points=POINTS, listed=listed, version=__version__)
 
 
 def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:

@@ -62,7 +62,7 @@ def shape_of(item: pin.GeometryObject) -> Shape:
         case coal.Box():
             return _made(trimesh.creation.box, tuple((2.0 * geometry.halfSide).tolist()))
         case coal.Cylinder():
-            return cylinder(geometry.radius, 2.0 * geometry.halfLength)
+            return _made(trimesh.creation.cylinder, geometry.radius, 2.0 * geometry.halfLength, _ROUND_SECTIONS)
         case coal.Capsule():
             return _made(trimesh.creation.capsule, 2.0 * geometry.halfLength, geometry.radius)
         case coal.Sphere():
@@ -76,11 +76,6 @@ def shape_of(item: pin.GeometryObject) -> Shape:
     raise DescriptionError(
         "robot description", f"visual '{item.name}' is a {type(geometry).__name__}, which cannot be drawn"
     )
-
-
-def cylinder(radius: float, length: float) -> Shape:
-    """Return a closed cylinder along z, centred on its frame; radius and length in m."""
-    return _made(trimesh.creation.cylinder, radius, length, _ROUND_SECTIONS)
 
 
 @lru_cache(maxsize=256)
@@ -259,7 +254,7 @@ def _arrow_parts(start: FloatArray, end: FloatArray, thickness_m: float) -> list
     head = min(7.0 * thickness_m, 0.75 * length)
     neck = end - way * (head / length)
     cone = smooth(trimesh.creation.cone(radius=head / 2.6, height=head, sections=32))
-    shaft = cylinder(min(thickness_m, head / 7.0), length - head)
+    shaft = _made(trimesh.creation.cylinder, min(thickness_m, head / 7.0), length - head, _ROUND_SECTIONS)
     along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
     # A cylinder is centred on its frame, a cone stands on it.
     places = {"shaft": (shaft, (start + neck) / 2.0), "head": (cone, neck)}

@@ -58,9 +58,7 @@ def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArra
     Raises:
         ErrorSetError: a set is constant, or the similarity is not known.
     """
-    rows = np.asarray(sets, dtype=float)
-    scaled = standardised("error set", rows.T)
-    correlation = np.clip(scaled.T @ scaled / (rows.shape[1] - 1), -1.0, 1.0)
+    correlation = np.atleast_2d(np.corrcoef(standardised("error set", np.transpose(sets)), rowvar=False))
     if similarity not in {"absolute", "shifted"}:
         raise ErrorSetError(f"similarity '{similarity}' is not known; give 'absolute' or 'shifted'")
     result: FloatArray = np.abs(correlation) if similarity == "absolute" else (1.0 + correlation) / 2.0
