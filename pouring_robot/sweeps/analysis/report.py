@@ -218,7 +218,8 @@ def study_figure(found: SweepReport) -> Any:
     shown, summary, config = found.ranking[:_SHOWN], found.summary, found.store.plan.config
     if config.study == "one_at_a_time":
         axes = figure.subplots()
-        boxes = [_distances_mm(found.store, parameter.name) for parameter in shown]
+        moved = found.to_dataset().displacement
+        boxes = [_distances_mm(moved, parameter.name) for parameter in shown]
         axes.boxplot(boxes, orientation="horizontal", showfliers=False, whis=(0, 100))
         _name_rows(axes, shown)
         axes.set_xlabel(f"displacement of {summary.frame} over the poses, mm; each error alone at its tolerance")
@@ -284,12 +285,8 @@ def _cumulative(axes: Any, summary: Summary) -> None:
     axes.legend()
 
 
-def _distances_mm(store: SweepStore, name: str) -> FloatArray:
+def _distances_mm(displacement: xr.DataArray, name: str) -> FloatArray:
     """Return the distances of one parameter of a one-at-a-time study, evenly thinned out."""
-    plan = store.plan
-    row = plan.names.index(name)
-    block, inside = divmod(row, plan.sample_block)
-    step = -(-len(plan.poses) // _POINTS)
-    parts = [store.read("displacement", plan.chunk((block, j)))[inside, ::step, 0] for j in range(plan.chunk_grid[1])]
-    distances = np.linalg.norm(np.concatenate(parts), axis=-1) / MM
+    step = -(-displacement.sizes["pose"] // _POINTS)
+    distances = np.linalg.norm(displacement.sel(parameter=name)[::step, 0].to_numpy(), axis=-1) / MM
     return np.asarray(distances[np.isfinite(distances)])

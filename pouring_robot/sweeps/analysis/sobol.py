@@ -8,7 +8,7 @@ import numpy as np
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.sweeps.store import SweepStore
+from pouring_robot.sweeps.store import SweepStore, open_results
 
 _RESAMPLES = 100
 _READ_AT_ONCE = 4_000_000  # numbers, 32 MB
@@ -72,13 +72,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:
     """Yield the displacement of all samples at each pose, shape (samples, 3), in m."""
-    plan = store.plan
-    at_once = max(1, _READ_AT_ONCE // (3 * plan.draws.count))
-    for j in range(plan.chunk_grid[1]):
-        first, last = plan.chunk((0, j)).poses
-        for start in range(first, last, at_once):
-            wanted = slice(start - first, min(start + at_once, last) - first)
-            column = [store.read("displacement", plan.chunk((i, j)))[:, wanted, 0] for i in range(plan.chunk_grid[0])]
-            moved = np.concatenate(column)
-            for k in range(moved.shape[1]):
-                yield moved[:, k]
+    displacement = open_results(store.folder).displacement
+    at_once = max(1, _READ_AT_ONCE // (3 * store.plan.draws.count))
+    for start in range(0, len(store.plan.poses), at_once):
+        yield from displacement[:, start : start + at_once, 0].to_numpy().swapaxes(0, 1)
