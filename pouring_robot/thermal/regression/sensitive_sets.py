@@ -30,6 +30,7 @@ import warnings
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.cluster.hierarchy import cophenet, fcluster, linkage
 from scipy.spatial.distance import squareform
@@ -102,9 +103,8 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
             self.closure_ = 1.0 - squareform(cophenet(self.linkage_))
             cut = self.n_clusters if self.lambda_cut is None else 1.0 - self.lambda_cut + _SAME
             labels = fcluster(self.linkage_, cut, "maxclust" if self.lambda_cut is None else "distance")
-        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        self.labels_ = np.argsort(np.argsort(first))[inverse]  # group of each set, from 0 in order of first appearance
-        self.n_clusters_ = len(first)
+        self.labels_, found = pd.factorize(labels)  # group of each set, from 0 in order of first appearance
+        self.n_clusters_ = len(found)
         together = self.labels_[:, None] == self.labels_
         # (low, high): the same groups come out for every λ with low < λ ≤ high
         self.lambda_range_ = (float(self.closure_[~together].max(initial=0.0)), float(self.closure_[together].min()))
@@ -219,9 +219,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
     def _get_support_mask(self) -> BoolArray:
         """Return which columns are kept, shape (k,); scikit-learn's transform and names build on it."""
         check_is_fitted(self)
-        mask = np.zeros(self.n_features_in_, dtype=bool)
-        mask[self.sensitive_] = True
-        return mask
+        return np.isin(np.arange(self.n_features_in_), self.sensitive_)
 
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that temperature is needed to choose."""
