@@ -303,7 +303,7 @@ class _Array(NamedTuple):
     @classmethod
     def known(cls, values: Any, dimensions: tuple[str, ...], **attributes: str) -> "_Array":
         array = np.asarray(values)
-        array = array.astype(object) if array.dtype.kind == "U" else array
+        array = array.astype(np.dtypes.StringDType()) if array.dtype.kind == "U" else array
         return cls(array.shape, array.shape, dimensions, attributes, array)
 
 
@@ -359,11 +359,6 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
         },
     )
     for name, (shape, chunks, dimensions, attributes, values, empty) in _arrays(plan).items():
-        kind: dict[str, Any] = {"dtype": empty.dtype, "fill_value": empty.item()}
-        if values is not None:
-            kind = {"dtype": str if values.dtype == object else values.dtype}
-        made = group.create_array(
-            name, shape=shape, chunks=chunks, dimension_names=dimensions, attributes=attributes, **kind
-        )
-        if values is not None:
-            made[...] = values
+        unknown = {"shape": shape, "dtype": empty.dtype, "fill_value": empty.item()}
+        content: dict[str, Any] = unknown if values is None else {"data": values}
+        group.create_array(name, chunks=chunks, dimension_names=dimensions, attributes=attributes, **content)
