@@ -114,10 +114,9 @@ def _complete(store: SweepStore, workers: int, scheduler: str | None, progress: 
     here = ((chunk, plan.compute(chunk)) for chunk in missing)
     results = _clustered(plan, missing, workers, scheduler) if workers or scheduler else here
     with contextlib.closing(results):
-        for chunk, result in results:
+        for number, (chunk, result) in enumerate(results, start=done + 1):
             store.write(chunk, result)
-            done += 1
-            progress("sweep", done, total)
+            progress("sweep", number, total)
 
 
 def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: str | None) -> _Results:

@@ -41,14 +41,13 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     from SALib.analyze import sobol
 
     plan = store.plan
-    count, poses, lost = len(plan.names), 0, np.zeros(plan.config.samples or 0, dtype=bool)
+    count, lost = len(plan.names), np.zeros(plan.config.samples or 0, dtype=bool)
     problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
     settings = {"calc_second_order": False, "num_resamples": _RESAMPLES, "conf_level": 0.95}
     settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
     weights = np.zeros(3)
     sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
-    for outputs in _outputs(store):
-        poses += 1
+    for pose, outputs in enumerate(_outputs(store), start=1):
         blocks = outputs.reshape(lost.size, -1, 3)
         sound = np.isfinite(blocks).all(axis=(1, 2))
         lost |= ~sound
@@ -59,7 +58,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
                 found = sobol.analyze(problem, values, **settings)
                 sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
                 weights[axis] += variance
-        progress("Sobol indices", poses, len(plan.poses))
+        progress("Sobol indices", pose, len(plan.poses))
     dropped = int(lost.sum())
     if not weights.any():
         raise NoSolutionError(
@@ -67,7 +66,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
             "solution, and nothing moves in the others; make the errors smaller"
         )
     first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()
-    return SobolIndices(first, total, first_confidence, total_confidence, sums[0].T / poses, dropped)
+    return SobolIndices(first, total, first_confidence, total_confidence, sums[0].T / len(plan.poses), dropped)
 
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:
