@@ -38,11 +38,11 @@ _MOST_ROUNDS = 20
 
 @dataclass(frozen=True)
 class Chunk:
-    """A block of robots (samples) at a block of poses, by first and last, which is not included; its place by both."""
+    """A block of robots (samples) at a block of poses, and its place by both."""
 
     index: tuple[int, int]
-    samples: tuple[int, int]
-    poses: tuple[int, int]
+    samples: slice
+    poses: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +135,12 @@ class SweepPlan:
 
     def chunk(self, index: tuple[int, int]) -> Chunk:
         """Return the chunk at a place of the grid."""
-        (i, j), rows, columns = index, self.sample_block, self.pose_block
-        samples = i * rows, min((i + 1) * rows, self.draws.count)
-        return Chunk(index, samples, (j * columns, min((j + 1) * columns, len(self.poses))))
+        blocks = zip(index, (self.sample_block, self.pose_block), (self.draws.count, len(self.poses)), strict=True)
+        return Chunk(index, *(slice(k * size, min((k + 1) * size, count)) for k, size, count in blocks))
 
     def compute(self, chunk: Chunk) -> ChunkResult:
         """Compute one chunk; the numbers depend on the plan and the chunk alone."""
-        return self.moved(self.draws.values(*chunk.samples), self.poses[slice(*chunk.poses)])
+        return self.moved(self.draws.values(chunk.samples.start, chunk.samples.stop), self.poses[chunk.poses])
 
     def moved(self, values: FloatArray, poses: BatchCommand) -> ChunkResult:
         """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures."""

@@ -92,7 +92,7 @@ class SweepStore:
     def done(self, chunk: Chunk) -> bool:
         """Return whether a chunk is whole."""
         try:
-            status = self._arrays["status"][slice(*chunk.samples), slice(*chunk.poses)]
+            status = self._arrays["status"][chunk.samples, chunk.poses]
         except Exception:  # whatever Zarr finds wrong with it, the chunk is not whole
             return False
         return bool((np.asarray(status) != NOT_DONE).all())
@@ -103,17 +103,16 @@ class SweepStore:
 
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
         """Write a chunk, its status last."""
-        rows, columns = slice(*chunk.samples), slice(*chunk.poses)
         with writing(self.folder, f"the finished chunks are kept; mend it and go on with {RESUME}"):
             if "errors" in self._arrays and chunk.index[1] == 0:
-                self._arrays["errors"][rows] = result.errors
+                self._arrays["errors"][chunk.samples] = result.errors
             for name in ("displacement", "rotation", "gap_m", "gap_rad", "status"):
-                self._arrays[name][rows, columns] = getattr(result, name)
+                self._arrays[name][chunk.samples, chunk.poses] = getattr(result, name)
 
     def read(self, name: str, chunk: Chunk) -> NDArray[Any]:
         """Return one array of a chunk."""
         try:
-            return np.asarray(self._arrays[name][slice(*chunk.samples), slice(*chunk.poses)])
+            return np.asarray(self._arrays[name][chunk.samples, chunk.poses])
         except Exception as problem:
             place = ".".join(str(k) for k in chunk.index)
             raise SweepStoreError(

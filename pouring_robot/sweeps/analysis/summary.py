@@ -152,8 +152,8 @@ def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
     for done, chunk in enumerate(plan.chunks(), start=1):
         part = _Part(store, chunk)
         counts += np.bincount(part.status.ravel(), minlength=counts.size)
-        by_sample.add(slice(*chunk.samples), part, 1)
-        by_pose.add(slice(*chunk.poses), part, 0)
+        by_sample.add(chunk.samples, part, 1)
+        by_pose.add(chunk.poses, part, 0)
         distances.add(part.distance_m[part.good])
         open_by = [np.where(part.good, store.read(name, chunk), 0.0).max() for name in ("gap_m", "gap_rad")]
         gaps = np.maximum(gaps, open_by)
