@@ -1,6 +1,7 @@
 """Temperatures and pose that belong together: turns end, shares, what comes from the model."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -43,6 +44,15 @@ def test_the_warm_location_is_one_closure_of_everything(heated, as_built):
     once = WarmRobot(as_built, found.robot.expansion, POSE).solve().pose_base_to_end
     assert PoseDifference.between(found.location.actual.pose_base_to_end, once).distance_m < 1e-12
     assert found.location.nominal.pose_base_to_end.translation == pytest.approx(POSE.position_m, abs=1e-12)
+
+
+def test_threads_share_a_network(heated):
+    """More poses than it keeps."""
+    poses = random_poses(48, seed=11)
+    alone = [heated.network.steady(pose).temperatures_K for pose in poses]
+    with ThreadPoolExecutor(4) as pool:
+        shared = list(pool.map(lambda pose: heated.network.steady(pose).temperatures_K, reversed(poses)))
+    np.testing.assert_array_equal(shared, alone[::-1])
 
 
 def test_shares(heated, as_built):
