@@ -9,6 +9,8 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import Pair, Point, opt, reads, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, some
+from pouring_robot.io.files import CSV_SUFFIXES, check_ending
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.io.usual_noise import SIGMA_MM, SIGMA_MRAD
 
 _COMPARED, _SHOWN, _NAMED, _SESSIONS = 25, 25, 8, 12
@@ -56,9 +58,6 @@ def plan(
     from pouring_robot.design.request import PlanRequest
     from pouring_robot.design.result import plot
     from pouring_robot.estimation.noise import NoiseLevel
-    from pouring_robot.io.files import check_ending
-    from pouring_robot.io.tables import CSV_SUFFIXES
-    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.tolerances import Tolerances
 
     check_ending(out, CSV_SUFFIXES)
@@ -230,7 +229,6 @@ def simulate(
     from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-    from pouring_robot.io.units import MM, MRAD
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
@@ -264,8 +262,6 @@ def simulate(
 def _frame(figures: Frame | None) -> Any:
     import numpy as np
     import pinocchio as pin
-
-    from pouring_robot.io.units import MM
 
     if figures is None:
         return None

@@ -8,13 +8,13 @@ import typer
 
 from pouring_robot.cli.shared import options
 from pouring_robot.cli.shared.bundles import group_of
+from pouring_robot.io.files import copy_folder
 
 
 def copy(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not be there yet.")],
 ) -> None:
     """Copy the examples into a new folder: model files, robots, campaigns, sweeps, a plug-in."""
-    from pouring_robot.io.files import copy_folder
     from pouring_robot.robot.export.paths import examples_path
 
     files = copy_folder(examples_path(), folder)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pouring_robot.cli.shared import bundles, options
 from pouring_robot.cli.shared.options import opt, results_folder
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.units import MM, MRAD
 
 
 def export(
@@ -27,7 +28,6 @@ def export(
     for name, wanted in (("--zero-here", zero_here), ("--absolute-meshes", absolute_meshes)):
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
-    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.mechanism.arrays import rms
     from pouring_robot.robot.export.closed_robot import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files

@@ -14,6 +14,7 @@ import typer
 from pouring_robot.cli.shared import bundles, options
 from pouring_robot.cli.shared.options import Pair, argument, opt, results_folder, writes
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.files import write_whole
 
 if TYPE_CHECKING:
     from pouring_robot.robot.location import LadleLocation
@@ -99,7 +100,6 @@ def new(
 
 def _in_the_middle(layout: NewLayout) -> LadleLocation:
     """Return where a new machine is in the middle of its workspace, or raise NoSolutionError."""
-    from pouring_robot.io.files import write_whole
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring_robot import PouringRobot
 

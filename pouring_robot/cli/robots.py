@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Literal
 
 from pouring_robot.cli.shared import bundles, options
+from pouring_robot.io.units import MM, joint_shown_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
     """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
-    from pouring_robot.io.units import MM
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
@@ -69,8 +69,6 @@ def _determined(robot: Robot, location: Location) -> bool:
 
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
     """Return limits given in m or rad in mm or degrees."""
-    from pouring_robot.io.units import joint_shown_in
-
     shown, size = joint_shown_in(unit)
     lower, upper = (_rounded([limit / size])[0] if math.isfinite(limit) else None for limit in limits)
     return {"lower": lower, "upper": upper, "unit": shown}

@@ -8,6 +8,7 @@ from pouring_robot.cli.shared.options import Pair, opt, results_folder
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import counted
 from pouring_robot.io.seeds import SENSITIVITY_SEED
+from pouring_robot.io.units import DEG, MM, MRAD
 
 _SHOWN, _PARTS_SHOWN = 25, 6
 
@@ -35,7 +36,6 @@ def sensitivity(
 
     A model file is taken for its layout or robot only. Errors act to first order; how far that misses is printed.
     """
-    from pouring_robot.io.units import DEG, MM, MRAD
     from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import left_out, study
 

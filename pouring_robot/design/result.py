@@ -15,8 +15,8 @@ from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError, some
-from pouring_robot.io.files import check_ending, write_whole
-from pouring_robot.io.tables import CSV_SUFFIXES, csv_text
+from pouring_robot.io.files import CSV_SUFFIXES, check_ending, write_whole
+from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, own_look, png_of

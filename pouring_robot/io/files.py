@@ -12,6 +12,10 @@ from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.given import expect
 from pouring_robot.io.interrupt import stop_if_heard
 
+CSV_SUFFIXES = (".csv",)
+PARQUET_SUFFIXES = (".parquet", ".pq")
+EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
+
 
 def read_text(path: Path) -> str:
     """Return the text of a file; raises DescriptionError where it cannot be read."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError, some
-from pouring_robot.io.tables import LARGEST, LATEST, Table, read_table, separators, size_fault
+from pouring_robot.io.tables import Table, read_table, separators
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC, temperature_fault
-from pouring_robot.io.units import OF_UNIT, UNITS, QuantityKind, to_inner
+from pouring_robot.io.units import LARGEST, LATEST, OF_UNIT, UNITS, QuantityKind, size_fault, to_inner
 
 LIMITS: dict[QuantityKind, tuple[float, float]] = {
     "mass": (0.0, 1e4),

@@ -15,26 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError, closest
+from pouring_robot.io.files import EXCEL_SUFFIXES, PARQUET_SUFFIXES
 from pouring_robot.io.given import as_path
+from pouring_robot.io.units import LARGEST, LATEST, size_fault
 
-CSV_SUFFIXES = (".csv",)
-PARQUET_SUFFIXES = (".parquet", ".pq")
-EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
 _COMMENT = "; a line that begins with # is no comment here: delete it, or the # where it stands before headings"
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
 _DATE = re.compile(r"(?P<year>\d{4})?\d{0,2}(?P<mark>[-/.:])\d{1,2}((?P=mark)\d{1,4}.*)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
-LARGEST = 1e9
-"""No quantity comes near this, in any of its units; what does is a broken number."""
-LATEST = 1e3 * LARGEST
-"""But for times, which some count from 1970 on, in s."""
-
-
-def size_fault(value: float, largest: float = LARGEST) -> str:
-    """Return why a finite number is none of a quantity's, or "" if it may be one."""
-    fits = abs(value) <= largest or not math.isfinite(value)
-    return "" if fits else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from ruamel.yaml.scalarbool import ScalarBoolean
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import read_text
-from pouring_robot.io.tables import LARGEST
-from pouring_robot.io.units import UNITS
+from pouring_robot.io.units import LARGEST, UNITS
 
 
 def _upwards(limits: tuple[float, float]) -> tuple[float, float]:

@@ -4,13 +4,16 @@ Errors are shown in mm and mrad, joint values in mm and degrees. Headings are re
 :mod:`pouring_robot.io.quantities`; the keys of YAML files have their unit in their name or beside the value.
 """
 
-import math
-from typing import Literal
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import math
+from typing import TYPE_CHECKING, Literal
 
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+
+if TYPE_CHECKING:  # the command line shows units before it loads NumPy
+    import numpy as np
+    from numpy.typing import NDArray
 
 MM = 1e-3
 MRAD = 1e-3
@@ -41,6 +44,16 @@ UNITS: dict[QuantityKind, dict[str, tuple[float, float]]] = {
 Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
 """
 OF_UNIT = {unit: figures for units in UNITS.values() for unit, figures in units.items()}
+LARGEST = 1e9
+"""No quantity comes near this, in any of its units; what does is a broken number."""
+LATEST = 1e3 * LARGEST
+"""But for times, which some count from 1970 on, in s."""
+
+
+def size_fault(value: float, largest: float = LARGEST) -> str:
+    """Return why a finite number is none of a quantity's, or "" if it may be one."""
+    fits = abs(value) <= largest or not math.isfinite(value)
+    return "" if fits else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
 
 
 def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:

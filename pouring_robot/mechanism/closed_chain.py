@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.io.given import expect
-from pouring_robot.io.tables import LARGEST
+from pouring_robot.io.units import LARGEST
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns, numbers
 from pouring_robot.mechanism.joint_types import unit_of
 from pouring_robot.mechanism.loops_file import LoopsFile, LoopSpec, LoopStiffness

@@ -12,6 +12,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import argument, opt, writes, writes_csv
 from pouring_robot.cli.shared.tables import print_rows
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFrameError
+from pouring_robot.io.units import MM, MRAD
 
 if TYPE_CHECKING:
     from pouring_robot.cli.poses.heat import ThermalLaw
@@ -136,7 +137,6 @@ def _ladle(
 def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
     from pouring_robot.cli.poses.heat import unsettled_words
-    from pouring_robot.io.units import MM, MRAD
 
     word = "" if len(found) == 1 else "largest: "
     before = max(one.before.distance_m for one in found) / MM
@@ -161,7 +161,6 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
 
 
 def _print_commands(found: Sequence[Compensation]) -> None:
-    from pouring_robot.io.units import MM
     from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
     rows = []
@@ -235,8 +234,6 @@ def _cells(row: Iterable[object]) -> list[str]:
 
 def _largest(found: Sequence[DriveCompensation]) -> str:
     """Say how far off a tool was and is, the largest over all poses."""
-    from pouring_robot.io.units import MM, MRAD
-
     before, left = [one.before for one in found], [one.left for one in found]
     was, remains = (
         (max(size.distance_m for size in sizes) / MM, max(size.angle_rad for size in sizes) / MRAD)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import argument, writes_csv
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.units import MM, MRAD
 
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
@@ -93,7 +94,6 @@ def _at_once(
     import numpy as np
 
     from pouring_robot.io.tables import rows_csv
-    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.mechanism.closure.status import CLOSED, STATUS_NAMES
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -125,7 +125,6 @@ def _at_once(
 
 def _row(location: Location) -> Row:
     """Return the pose that was commanded, or where the drawing puts the working frame, and the error there."""
-    from pouring_robot.io.units import MM, MRAD
     from pouring_robot.robot.location import LadleLocation
 
     if isinstance(location, LadleLocation):

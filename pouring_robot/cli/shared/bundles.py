@@ -15,6 +15,7 @@ import typer
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.options import opt, writes
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+from pouring_robot.io.units import MM, UNITS, joint_shown_in
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -85,8 +86,6 @@ class Commanded:
         """Return the command as this robot takes it."""
         import numpy as np
 
-        from pouring_robot.io.units import MM, joint_shown_in
-
         if (self.at_mm is None) == (self.drives is None):
             raise BadInputError("give a pose by --at-mm or drive values by --drives, one of the two")
         if self.tilt_deg is not None and self.rotation_deg is not None:
@@ -124,7 +123,6 @@ class Under:
         """
         from pouring_robot.campaign.columns import condition_headings
         from pouring_robot.io.tables import read_table
-        from pouring_robot.io.units import UNITS
         from pouring_robot.robot.pouring_robot import PouringRobot
 
         if path.is_fifo():
@@ -328,7 +326,6 @@ class Drawing:
             return []
         import numpy as np
 
-        from pouring_robot.io.units import MM
         from pouring_robot.robot.export.closed_robot import ClosedRobot
 
         tree = ClosedRobot.of(model)

@@ -21,6 +21,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pouring_robot.exceptions import BadInputError, OutputError
+from pouring_robot.io.files import (
+    CSV_SUFFIXES,
+    EXCEL_SUFFIXES,
+    PARQUET_SUFFIXES,
+    check_ending,
+    check_folder,
+    check_outputs,
+    write_together,
+)
+from pouring_robot.io.units import size_fault
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -58,19 +68,12 @@ def _check_png(path: Path) -> None:
 
 def _check_csv(path: Path) -> None:
     """Refuse a CSV that by its name would be read as another format."""
-    if path.suffix in ("", ".csv"):
-        return  # before NumPy is loaded
-    from pouring_robot.io.files import check_ending
-    from pouring_robot.io.tables import CSV_SUFFIXES, EXCEL_SUFFIXES, PARQUET_SUFFIXES
-
     if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
         check_ending(path, CSV_SUFFIXES)
 
 
 def check_joints(path: Path) -> None:
     """Refuse a table of joints that is neither CSV nor JSON by its name."""
-    from pouring_robot.io.files import check_ending
-
     check_ending(path, (".csv", ".json"))
 
 
@@ -122,8 +125,6 @@ def results_folder(*files: str, what: str = "") -> Any:
     """
 
     def fresh(folder: Path | None) -> Path | None:
-        from pouring_robot.io.files import check_folder
-
         if folder is not None:
             check_folder(folder)
             refuse_present([folder / name for name in files] if folder.exists() else [])
@@ -143,8 +144,6 @@ def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
     """Return the numbers of an option, each finite and no larger than any quantity may be."""
     if value is None:
         return None
-    from pouring_robot.io.tables import size_fault
-
     for number in value if isinstance(value, tuple) else str(value).replace(",", " ").split():
         with contextlib.suppress(ValueError):  # what is no number is said where it is known how many are wanted
             size = float(number)
@@ -155,8 +154,6 @@ def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
 
 def refuse_present(files: Iterable[Path]) -> None:
     """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
-    from pouring_robot.io.files import check_outputs
-
     check_outputs(list(files), overwrite=OVERWRITE.get())
 
 
@@ -246,8 +243,6 @@ def wanted(path: Path | None, content: Callable[[], bytes | str]) -> dict[Path, 
 
 def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
     """Write several files, all or none, and return them; what has appeared meanwhile stays without ``--overwrite``."""
-    from pouring_robot.io.files import write_together
-
     refuse_inputs(files)
     return write_together(files, overwrite=OVERWRITE.get())
 

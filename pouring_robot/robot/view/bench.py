@@ -10,9 +10,8 @@ import pinocchio as pin
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, PouringRobotError
-from pouring_robot.io.tables import LARGEST
 from pouring_robot.io.typed_yaml import StrictModel
-from pouring_robot.io.units import shown_in
+from pouring_robot.io.units import LARGEST, shown_in
 from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
