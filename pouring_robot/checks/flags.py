@@ -25,7 +25,16 @@ class Severity(enum.StrEnum):
     NOTE = "note"  # good to know; limits what can be found out
 
 
-_ERROR, _WARNING, _NOTE = Severity
+def _error(code: str, remedy: str) -> tuple[str, Severity, str]:
+    return code, Severity.ERROR, remedy
+
+
+def _warning(code: str, remedy: str) -> tuple[str, Severity, str]:
+    return code, Severity.WARNING, remedy
+
+
+def _note(code: str, remedy: str) -> tuple[str, Severity, str]:
+    return code, Severity.NOTE, remedy
 
 
 class FlagCode(enum.StrEnum):
@@ -40,132 +49,101 @@ class FlagCode(enum.StrEnum):
         code._value_, code.severity, code.remedy = value, severity, remedy
         return code
 
-    ANOTHER_ROBOT = (
-        "another_robot",
-        _WARNING,
-        "name its robot file (--robot), or, if this is the one, correct 'robot' in the YAML",
+    ANOTHER_ROBOT = _warning(
+        "another_robot", "name its robot file (--robot), or, if this is the one, correct 'robot' in the YAML"
     )
-    TOO_FEW_ROWS = "too_few_rows", _WARNING, f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace"
-    ONE_POSE = "one_pose", _ERROR, "command poses that differ in all drives; repeats alone cannot fix the frames"
-    REPEATED_ROWS = (
+    TOO_FEW_ROWS = _warning("too_few_rows", f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace")
+    ONE_POSE = _error("one_pose", "command poses that differ in all drives; repeats alone cannot fix the frames")
+    REPEATED_ROWS = _warning(
         "repeated_rows",
-        _WARNING,
         "copies are left out, as a second measurement would differ by its noise; remove them from the file",
     )
-    NO_LENGTH = (
+    NO_LENGTH = _warning(
         "no_length",
-        _WARNING,
         "if the device was set to zero there, add the length that it then had to all; else empty these cells",
     )
-    STUCK_COLUMN = (
-        "stuck_column",
-        _WARNING,
-        "the sensor hung or cells were filled down; empty these cells, or measure them again",
+    STUCK_COLUMN = _warning(
+        "stuck_column", "the sensor hung or cells were filled down; empty these cells, or measure them again"
     )
-    COLUMN_JUMP = "column_jump", _WARNING, "a loose sensor or a typing error; empty these cells, or correct them"
-    BAD_APPROACH = (
-        "bad_approach",
-        _ERROR,
-        "write +1 where the drive was rising when it stopped, -1 where falling, nothing where unknown",
+    COLUMN_JUMP = _warning("column_jump", "a loose sensor or a typing error; empty these cells, or correct them")
+    BAD_APPROACH = _error(
+        "bad_approach", "write +1 where the drive was rising when it stopped, -1 where falling, nothing where unknown"
     )
-    TIME_NOT_INCREASING = (
+    TIME_NOT_INCREASING = _warning(
         "time_not_increasing",
-        _WARNING,
         "give the time of each measurement within its session, or name a new session where the clock restarts",
     )
-    SESSIONS_OF_ROWS = (
+    SESSIONS_OF_ROWS = _warning(
         "sessions_of_rows",
-        _WARNING,
         "they are taken for labels of rows, and all rows for one session; give what was measured in one go one session",
     )
-    NO_NOISE_LEVEL = (
+    NO_NOISE_LEVEL = _warning(
         "no_noise_level",
-        _WARNING,
         "state the standard deviation of one measured component, from the device's data or from repeats",
     )
-    NO_TEMPERATURES = (
+    NO_TEMPERATURES = _note(
         "no_temperatures",
-        _NOTE,
         "effects of heat cannot be tested; record the temperature of the parts that warm (<part>_degC)",
     )
-    MISSING_DRIVES = "missing_drives", _WARNING, "these rows cannot be used; fill in what was commanded"
-    IGNORED_COLUMNS = "ignored_columns", _NOTE, "rename them if they hold a condition; else all is well"
-    UNUSED_TEMPERATURE = (
-        "unused_temperature",
-        _WARNING,
-        "name each after the part whose temperature it is, or leave it out",
+    MISSING_DRIVES = _warning("missing_drives", "these rows cannot be used; fill in what was commanded")
+    IGNORED_COLUMNS = _note("ignored_columns", "rename them if they hold a condition; else all is well")
+    UNUSED_TEMPERATURE = _warning(
+        "unused_temperature", "name each after the part whose temperature it is, or leave it out"
     )
-    CONDITION_UNIT = "condition_unit", _ERROR, "correct the unit at the end of the column's name, or convert the column"
-    IMPOSSIBLE_CONDITION = "impossible_condition", _ERROR, "correct these cells, or empty them; check the unit, too"
-    CONDITIONS_EXCHANGED = "conditions_exchanged", _ERROR, "put the headings over the right columns"
-    TIME_SHUFFLED = "time_shuffled", _ERROR, "put each row's own time beside it, or leave the column out"
-    NOISE_TOO_SMALL = (
+    CONDITION_UNIT = _error("condition_unit", "correct the unit at the end of the column's name, or convert the column")
+    IMPOSSIBLE_CONDITION = _error("impossible_condition", "correct these cells, or empty them; check the unit, too")
+    CONDITIONS_EXCHANGED = _error("conditions_exchanged", "put the headings over the right columns")
+    TIME_SHUFFLED = _error("time_shuffled", "put each row's own time beside it, or leave the column out")
+    NOISE_TOO_SMALL = _warning(
         "noise_too_small",
-        _WARNING,
         "state what repeats of a pose scatter by; with too small a figure every accident looks like an effect",
     )
-    ROUNDED_DRIVES = (
-        "rounded_drives",
-        _WARNING,
-        "export the drives with all their digits; until then state a noise that holds the rounding",
+    ROUNDED_DRIVES = _warning(
+        "rounded_drives", "export the drives with all their digits; until then state a noise that holds the rounding"
     )
-    NOT_COMPARED = (
-        "not_compared",
-        _WARNING,
-        "measure the position, too; until then no mistake of units, axes, signs or rows is seen",
+    NOT_COMPARED = _warning(
+        "not_compared", "measure the position, too; until then no mistake of units, axes, signs or rows is seen"
     )
-    DRIVE_UNIT = "drive_unit", _ERROR, "correct the unit at the end of the column's name"
-    POSITION_UNIT = "position_unit", _ERROR, "correct the unit at the end of the columns' names"
-    ROTATION_UNIT = "rotation_unit", _ERROR, "correct the unit at the end of the columns' names"
-    FRAMES_SWAPPED = "frames_swapped", _ERROR, "exchange base and target in the tracker's export, or invert every pose"
-    ROTATION_INVERTED = (
-        "rotation_inverted",
-        _ERROR,
-        "reverse the signs of rx, ry and rz, or change the tracker's export",
+    DRIVE_UNIT = _error("drive_unit", "correct the unit at the end of the column's name")
+    POSITION_UNIT = _error("position_unit", "correct the unit at the end of the columns' names")
+    ROTATION_UNIT = _error("rotation_unit", "correct the unit at the end of the columns' names")
+    FRAMES_SWAPPED = _error("frames_swapped", "exchange base and target in the tracker's export, or invert every pose")
+    ROTATION_INVERTED = _error(
+        "rotation_inverted", "reverse the signs of rx, ry and rz, or change the tracker's export"
     )
-    EULER_ANGLES = "euler_angles", _ERROR, "convert them to a rotation vector, or have the tracker export that"
-    MIRRORED_AXES = "mirrored_axes", _ERROR, "check order and signs of x, y and z in the tracker's export"
-    DRIVE_REVERSED = (
+    EULER_ANGLES = _error("euler_angles", "convert them to a rotation vector, or have the tracker export that")
+    MIRRORED_AXES = _error("mirrored_axes", "check order and signs of x, y and z in the tracker's export")
+    DRIVE_REVERSED = _error(
         "drive_reversed",
-        _ERROR,
         "reverse the sign of the column; if the controller counts so, give the drive a negative ratio in its file",
     )
-    DRIVE_ZERO = "drive_zero", _ERROR, "if the controller counts so, give the drive its zero in the robot file"
-    DRIVE_ABSOLUTE = (
-        "drive_absolute",
-        _ERROR,
-        "convert the column; joints of the drawing turn against the link before them",
+    DRIVE_ZERO = _error("drive_zero", "if the controller counts so, give the drive its zero in the robot file")
+    DRIVE_ABSOLUTE = _error(
+        "drive_absolute", "convert the column; joints of the drawing turn against the link before them"
     )
-    DRIVES_EXCHANGED = "drives_exchanged", _ERROR, "put the headings over the right columns"
-    NO_AGREEMENT = (
+    DRIVES_EXCHANGED = _error("drives_exchanged", "put the headings over the right columns")
+    NO_AGREEMENT = _error(
         "no_agreement",
-        _ERROR,
         "check that rows of drives and of measurements belong together, and that the drawing is this robot's",
     )
-    UNREACHABLE_DRIVES = (
-        "unreachable_drives",
-        _ERROR,
-        "check the drives' columns and units, and that the model file is this robot's",
+    UNREACHABLE_DRIVES = _error(
+        "unreachable_drives", "check the drives' columns and units, and that the model file is this robot's"
     )
-    UNREACHABLE_POSE = (
+    UNREACHABLE_POSE = _error(
         "unreachable_pose",
-        _ERROR,
         "the row pairs a command with another pose's measurement, or was mistyped; correct it or leave it out",
     )
-    APART_SESSIONS = (
+    APART_SESSIONS = _error(
         "apart_sessions",
-        _ERROR,
         "if the tracker was set up anew between sessions, write 'frames: per session' under metrology in the YAML",
     )
-    TARGET_MOVED = (
+    TARGET_MOVED = _warning(
         "target_moved",
-        _WARNING,
         "if the target was mounted anew there, or a drive's zero set, put each session into a campaign of its own",
     )
-    OUTLIER = "outlier", _WARNING, "measure the pose again, or leave the row out"
-    MEASUREMENT_JUMP = (
+    OUTLIER = _warning("outlier", "measure the pose again, or leave the row out")
+    MEASUREMENT_JUMP = _warning(
         "measurement_jump",
-        _WARNING,
         "if the tracker or the target was moved, name a new session there; if not, the robot's base has settled",
     )
 
