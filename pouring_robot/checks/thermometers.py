@@ -33,18 +33,14 @@ _MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
 
 def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
     """Yield what is wrong with the temperatures."""
-    yield from _none(campaign)
+    if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
+        yield flagged(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
     yield from _stuck_temperatures(campaign)
     yield from _jumps(campaign)
     yield from _in_the_air(campaign)
     yield from _still_thermometers(campaign)
     exchanged = list(_exchanged_with_the_hall(campaign))
     yield from exchanged or _units(campaign)
-
-
-def _none(campaign: Campaign) -> Iterator[DataFlag]:
-    if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
-        yield flagged(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:

@@ -93,7 +93,7 @@ def new(
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
     middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
-    drawn = bundles.Drawing(html=page, png=png).files([middle], own)
+    drawn, _ = bundles.Drawing(html=page, png=png).files([middle], own)
     options.print_written(options.write_all({layouts: layout.file_text(), model: own.file_text(out)} | drawn))
     options.say(f"next: pouring-robot robots --model {shlex.quote(str(model))}")
 

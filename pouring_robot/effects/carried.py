@@ -47,7 +47,7 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
     for joint in places:
         link, placed = standing(robot)[joint]
         found.append((joint, link, lever(placed)))
-        found += [(joint, below, placed.rotation.T @ place) for below, place in _carried(robot, link, places)]
+        found += [(joint, below, placed.rotation.T @ place) for below, place in carried(robot, link, places)]
     return found
 
 
@@ -60,19 +60,14 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     model = robot.mechanism().shared_model
     ends = [(loop.frame_a, carrier(model, loop.frame_b)) for loop in robot.loops.loops if loop.type == "6d"]
     seated = [(end, seat.name) for end, seat in ends if seat.type == pin.FrameType.FIXED_JOINT and seat.name in places]
-    return [(seat, link, -place) for end, seat in seated for link, place in _carried(robot, end, places)]
+    return [(seat, link, -place) for end, seat in seated for link, place in carried(robot, end, places)]
 
 
-def frame_places(robot: RobotDefinition, frame: str | None, places: Collection[str]) -> list[tuple[str, FloatArray]]:
-    """Return what links do to the end frame or the base frame, behind the last of ``places`` or joint that moves.
+def carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Yield what links do to one that they carry through fixed joints, none of ``places``, such as the end frame's.
 
-    That is a link, and the place on it of what it carries there, (3,), in the axes of the frame, in m.
+    That is a link, and the place on it of what it carries there, (3,), in the axes of the link carried, in m.
     """
-    return list(_carried(robot, frame, places)) if frame else []
-
-
-def _carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield links that carry one through fixed joints, none of ``places``, and the place of each step, in its axes."""
     model, turned = robot.mechanism().shared_model, np.eye(3)
     joint = carrier(model, link)
     while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):

@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.available import all_effects
-from pouring_robot.effects.carried import chain_ends, frame_places, grown_places
+from pouring_robot.effects.carried import carried, chain_ends, grown_places
 from pouring_robot.effects.conditions import set_apart
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.made_up import bare_conditions
@@ -98,7 +98,7 @@ def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
     (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
     robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
-    ((link, place),) = frame_places(robot.model.definition, "tip", ("pan", "lift"))
+    ((link, place),) = carried(robot.model.definition, "tip", ("pan", "lift"))
     assert link == "arm"
     location = robot.location_at([0.4, -0.3])
     grown = perturb_urdf(BRACKETED, {"mount": displacement(np.array([0.5 * strain, 0.0, 0.0]))})

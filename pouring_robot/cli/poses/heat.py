@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
 
-_SHIFT_TURN = ("translation_mm", "rotation_mrad")
-
-
 @dataclass(frozen=True, eq=False)
 class ThermalLaw:
     """A thermal-model file at one temperature of the melt, and the same heat for the full closure, to be compared."""
@@ -110,12 +107,11 @@ class Warmth:
         """Find it, and the shares of geometry and heat if they are wanted."""
         from pouring_robot.cli.shared.locations import in_its_unit
 
-        if heated is None:
-            with in_its_unit(robot, command):
-                return cls(robot, robot.location_of(command))
-        if not isinstance(command, PlatformPose):
-            raise BadInputError("a warm robot is sent to a pose: give --at-mm and --tilt-deg, or --cold")
         with in_its_unit(robot, command):
+            if heated is None:
+                return cls(robot, robot.location_of(command))
+            if not isinstance(command, PlatformPose):
+                raise BadInputError("a warm robot is sent to a pose: give --at-mm and --tilt-deg, or --cold")
             state = heated.locate(command)
         loops = state.location.loops
         told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
@@ -137,7 +133,7 @@ class Warmth:
         rows, (_, state) = [], self.warm
         for frame, one in self.shares.items():
             for k, (name, part) in enumerate(_share_figures(one).items()):
-                shift, turn = ([f"{v:+z.3f}" for v in part[key]] for key in _SHIFT_TURN)
+                shift, turn = ([f"{v:+z.3f}" for v in part[key]] for key in ("translation_mm", "rotation_mrad"))
                 cells = [*shift, f"{part['distance_mm']:.3f}", *turn]
                 rows.append(("" if k else frame, name.replace("_", " "), *cells))
         head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")

@@ -68,9 +68,9 @@ def path(
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(present, warmth))
-    notes += drawing.unlike_the_tree(locations, present.model, warm=heated is not None)
+    drawn, unlike_the_tree = drawing.files(locations, present.model, warm=heated is not None)
+    notes += unlike_the_tree
     rows = [_row(location) for location in locations]
-    drawn = drawing.files(locations, present.model, warm=heated is not None)
     written = options.write_all(options.wanted(out, lambda: rows_csv(rows)) | drawn)
     if as_json:
         return options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)

@@ -33,8 +33,9 @@ def pose(
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(built, given))
-    notes += drawing.unlike_the_tree([location], built.model, warm=heated is not None)
-    written = options.write_all(drawing.files([location], built.model, warm=heated is not None))
+    drawn, unlike_the_tree = drawing.files([location], built.model, warm=heated is not None)
+    notes += unlike_the_tree
+    written = options.write_all(drawn)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}

@@ -285,28 +285,27 @@ class Drawing:
         if self.exaggerate is not None and not (self.html or self.png):
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
 
-    def files(self, locations: list[Location], model: RobotModel, *, warm: bool = False) -> dict[Path, bytes | str]:
-        """Return what was asked for, by the files that it is to be written to."""
-        table = self.joint_table(self._joint_rows(locations, model))
-        if not (self.html or self.png):
-            return table
-        # The drawing libraries take half a second to import; only commands that draw pay for it.
-        from pouring_robot.robot.view.scene import pose_scene
-        from pouring_robot.viewer.page import page
-        from pouring_robot.viewer.picture import png
+    def files(
+        self, locations: list[Location], model: RobotModel, *, warm: bool = False
+    ) -> tuple[dict[Path, bytes | str], list[str]]:
+        """Return what was asked for, by the files that it is to be written to, and what :meth:`tree_notes` say."""
+        rows: list[JointRow] = []
+        if self.joints is not None:
+            from pouring_robot.robot.export.joints import JointRow
 
-        scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
-        drawn = options.wanted(self.html, lambda: page(scene)) | options.wanted(self.png, lambda: png(scene))
-        return drawn | table
+            offsets = model.drive_offset_values()
+            rows = [JointRow.of(one.actual, offsets, one.drives) for one in locations]
+        tips_m = [one.poses(one.loops.working_frame)[1].translation for one in locations]
+        drawn, notes = self.joint_table(rows), self.tree_notes(rows, tips_m, model, warm=warm)
+        if self.html or self.png:
+            # The drawing libraries take half a second to import; only commands that draw pay for it.
+            from pouring_robot.robot.view.scene import pose_scene
+            from pouring_robot.viewer.page import page
+            from pouring_robot.viewer.picture import png
 
-    def _joint_rows(self, locations: Sequence[Location], model: RobotModel) -> list[JointRow]:
-        """Return the joint values at locations, none if they were not asked for."""
-        if self.joints is None:
-            return []
-        from pouring_robot.robot.export.joints import JointRow
-
-        offsets = model.drive_offset_values()
-        return [JointRow.of(one.actual, offsets, one.drives) for one in locations]
+            scene = pose_scene(locations, self.exaggerate, "as built, warm" if warm else "as built")
+            drawn |= options.wanted(self.html, lambda: page(scene)) | options.wanted(self.png, lambda: png(scene))
+        return drawn, notes
 
     def joint_table(self, rows: Sequence[JointRow]) -> dict[Path, bytes | str]:
         """Return the joint values of the robot as built, for the exported tree, by their file; {} if none is wanted."""
@@ -314,14 +313,11 @@ class Drawing:
 
         return options.wanted(self.joints, lambda: joints_text(rows, self.joints or Path()))
 
-    def unlike_the_tree(self, locations: Sequence[Location], model: RobotModel, *, warm: bool) -> list[str]:
-        """Say in a line by how much the exported tree misses a robot that is warm or under conditions."""
-        frame = model.definition.loops.working_frame
-        tips_m = [one.poses(frame)[1].translation for one in locations]
-        return self.tree_notes(self._joint_rows(locations, model), tips_m, model, warm=warm)
-
     def tree_notes(self, rows: Sequence[JointRow], tips_m: ArrayLike, model: RobotModel, *, warm: bool) -> list[str]:
-        """Say the same of rows of its joints whose tips are known, (n, 3), in m."""
+        """Say in a line by how much the exported tree misses a robot that is warm or under conditions.
+
+        By rows of its joints, if they were asked for, and where its tips are, (n, 3), in m.
+        """
         if not rows or not (warm or model.conditional):
             return []
         import numpy as np

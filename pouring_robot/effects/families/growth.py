@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
-from pouring_robot.effects.carried import chain_ends, frame_places, grown_places, lever, standing
+from pouring_robot.effects.carried import carried, chain_ends, grown_places, lever, standing
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drive import Drive
@@ -135,23 +135,23 @@ class LinksGrowth(Family):
         """
         prior_std, robot = STEEL_PPM, conditions.robot
         places = robot.drawing().engine.structure.placed_joints  # which make the pose, also those made as drawn
-        carried = grown_places(robot, places) + chain_ends(robot, places)
+        moved = grown_places(robot, places) + chain_ends(robot, places)
         # What moves the end frame alone moves it as the base would, and what moves the base frame the other way round.
-        base, end = (frame_places(robot, name, places) for name in (robot.loops.base_frame, robot.loops.end_frame))
-        carried += [("base", link, -place) for link, place in base]
-        carried += [("base", link, (conditions.rotation @ place).T) for link, place in end]
-        carried = [(joint, link if link in own else other, place) for joint, link, place in carried if place.any()]
+        moved += [("base", link, -place) for link, place in carried(robot, robot.loops.base_frame, places)]
+        behind = carried(robot, robot.loops.end_frame, places) if robot.loops.end_frame else ()
+        moved += [("base", link, (conditions.rotation @ place).T) for link, place in behind]
+        moved = [(joint, link if link in own else other, place) for joint, link, place in moved if place.any()]
         slid = [
             (drive, next((part for part in _parts_of(drive, conditions) if part in own), other), travel)
             for drive, travel in zip(robot.drives, conditions.drives.T, strict=True)
             if drive.unit == "m"
         ]
-        used = {by for _, by, _ in (*carried, *slid)}
+        used = {by for _, by, _ in (*moved, *slid)}
         followed = {by: rise for by, rise in conditions.rises.items() if by in used}
 
         def frame(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             grown: dict[str, FloatArray] = {}
-            for joint, by, place in carried:
+            for joint, by, place in moved:
                 if by in rises:
                     for site, change in _grown({joint: place}, rises[by]).items():
                         grown[site] = grown.get(site, 0.0) + change
