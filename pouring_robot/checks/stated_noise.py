@@ -120,7 +120,9 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
         return
     # Of few rows each of these explains a part of any noise: it may clear it, but how large it is the others say.
     warm = (np.tile(values, (len(effect[1]), 1)).T for values in _conditions(campaign, rows, "temperature"))
-    more = (_by_all(data.drives[rows]), _by_own_place(campaign, data.drives[rows]), warm)
+    moved = _in_proportion(data.drives[rows])
+    along = (np.roll(moved, shift, axis=1) for shift in range(moved.shape[1]))  # each with each, itself among them
+    more = (along, _by_own_place(campaign, data.drives[rows]), warm)
     tried = (_scatters(aligned, rows, effect, (*by_drive, *causes)) for causes in more)
     if all(one.too_small for beside in tried for one in beside):
         least = min(scatters, key=lambda one: one.factor)
@@ -188,12 +190,6 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
 def _in_proportion(drives: FloatArray) -> FloatArray:
     moved = drives - drives.mean(axis=0)
     return np.asarray(moved / np.maximum(np.abs(moved).max(axis=0), _STILL_M))
-
-
-def _by_all(drives: FloatArray) -> Iterator[FloatArray]:
-    """Yield that each drive goes along with each, itself among them, in proportion, (n, D)."""
-    moved = _in_proportion(drives)
-    yield from (np.roll(moved, shift, axis=1) for shift in range(drives.shape[1]))
 
 
 def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:

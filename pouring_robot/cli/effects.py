@@ -40,8 +40,8 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.available import all_effects
     from pouring_robot.effects.base import checked_forms
+    from pouring_robot.effects.conditions import bare_conditions, complete_conditions
     from pouring_robot.effects.facts import sources
-    from pouring_robot.effects.made_up import bare_conditions, complete_conditions
 
     conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))
     bare = bare_conditions(model.definition)

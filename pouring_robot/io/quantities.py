@@ -98,23 +98,18 @@ def read_quantities(
     headings = {name: table.headings[index] for name, index in places.items()}
     numbers, labels = {}, {}
     for name, index in places.items():
-        if known[name].kind == "label":
+        kind = known[name].kind
+        if kind == "label":
             labels[name] = table.labels(index)
-        else:
-            numbers[name] = _inner_numbers(table, known[name], index)
+            continue
+        numbers[name] = table.numbers(index, sparse=True)
+        if UNITS[kind]:
+            numbers[name] = to_inner(numbers[name], headings[name].removeprefix(f"{name}_"))
+            if fault := first_fault(numbers[name], kind):
+                row, said = fault
+                raise table.fault(f"{said}, or leave the cell empty if it is missing", row, headings[name])
     unknown = tuple(heading for heading in table.headings if heading and heading not in headings.values())
     return QuantityTable(table, headings, unknown, numbers, labels)
-
-
-def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
-    values = table.numbers(index, sparse=True)
-    if not UNITS[quantity.kind]:
-        return values
-    inner = to_inner(values, table.headings[index][len(quantity.name) + 1 :])
-    if fault := first_fault(inner, quantity.kind):
-        row, said = fault
-        raise table.fault(f"{said}, or leave the cell empty if it is missing", row, table.headings[index])
-    return inner
 
 
 def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:

@@ -15,11 +15,10 @@ from pouring_robot.diagnosis.report.sentences import as_zeros_text, source_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
-from pouring_robot.effects.conditions import Conditions, learned_in
+from pouring_robot.effects.conditions import Conditions, bare_conditions, complete_conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import INERTIAS, held_still, sources
 from pouring_robot.effects.families.drives import Ratio, Scale
-from pouring_robot.effects.made_up import bare_conditions, complete_conditions
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten

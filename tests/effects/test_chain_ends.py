@@ -9,9 +9,8 @@ import pytest
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.carried import carried, chain_ends, grown_places
-from pouring_robot.effects.conditions import set_apart
+from pouring_robot.effects.conditions import bare_conditions, set_apart
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.effects.under import RobotUnderConditions
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism

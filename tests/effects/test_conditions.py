@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pouring_robot.effects.conditions import complete_conditions
 from pouring_robot.effects.facts import axis_over
-from pouring_robot.effects.made_up import complete_conditions
 from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
 LOADS = {"leg_compliance", "tilt_drive_compliance", "truss_deflection"}

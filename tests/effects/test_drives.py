@@ -9,8 +9,8 @@ import pytest
 
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.effects.available import all_effects
+from pouring_robot.effects.conditions import bare_conditions
 from pouring_robot.effects.families.drives import Periodic
-from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.effects.made_up import complete_conditions
+from pouring_robot.effects.conditions import complete_conditions
 from pouring_robot.exceptions import BadInputError, DescriptionError, DiagnosisError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel

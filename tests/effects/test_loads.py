@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.effects.available import all_effects
-from pouring_robot.effects.made_up import bare_conditions
+from pouring_robot.effects.conditions import bare_conditions
 from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.effects.bench import (

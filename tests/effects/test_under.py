@@ -377,7 +377,7 @@ def test_compensation_of_any_robot(tmp_path):
     rows = 5
     drives = home + np.linspace(-0.05, 0.05, rows)[:, None]
     learned = RobotUnderConditions(drawing, {})._rows(drives)
-    from pouring_robot.effects.made_up import complete_conditions
+    from pouring_robot.effects.conditions import complete_conditions
 
     conditions = complete_conditions(model.definition, rows)
     form = load.forms(conditions)[0]
@@ -446,7 +446,7 @@ def taught_arm(effect, form, parameter, loads, **measured):
 
     What else was ``measured`` is by heading.
     """
-    from pouring_robot.effects.made_up import complete_conditions
+    from pouring_robot.effects.conditions import complete_conditions
 
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
     home, kind = model.definition.home_drives, all_effects(model.definition)[effect]

@@ -9,9 +9,9 @@ import pytest
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects import all_effects
+from pouring_robot.effects.conditions import bare_conditions
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import sources
-from pouring_robot.effects.made_up import bare_conditions
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
