@@ -44,7 +44,7 @@ class Aligned:
     fit: FrameFit
 
     @property
-    def _residuals(self) -> list[tuple[FloatArray, float]]:
+    def residuals(self) -> list[tuple[FloatArray, float]]:
         """Those of positions and, if measured, rotations, (n, 3) each, in m and rad, with their noise."""
         stated = self.campaign.metadata
         found = [(self.fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
@@ -55,7 +55,7 @@ class Aligned:
     @functools.cached_property
     def floors(self) -> list[float]:
         """Noise of each column of residuals, 3 or 6."""
-        return np.repeat([noise for _, noise in self._residuals], 3).tolist()
+        return np.repeat([noise for _, noise in self.residuals], 3).tolist()
 
     @functools.cached_property
     def smooth(self) -> tuple[FloatArray, FloatArray]:
@@ -66,7 +66,7 @@ class Aligned:
         """Return :attr:`smooth`, or the same without terms of what changes slowly."""
         terms = _smooth_terms(self.campaign, at_one_place(self.campaign, self.data.poses), with_time)
         turn = self.fit.frames.T_tracker_base.rotation
-        whole = (np.column_stack([_filled(terms, one, floor) for one in seen.T]) for seen, floor in self._residuals)
+        whole = (np.column_stack([_filled(terms, one, floor) for one in seen.T]) for seen, floor in self.residuals)
         return terms, np.concatenate([residual @ turn for residual in whole], axis=1)
 
     def joint_effect(self, rows: Indices) -> tuple[FloatArray, FloatArray]:

@@ -143,8 +143,8 @@ def _scatters(
     ``effect`` is that of every joint, see :meth:`Aligned.joint_effect`; ``more`` are more causes, an error in the rows
     of every drive, (n, D) each, or of all that the effect is of, (n, p).
     """
-    campaign, data, fit, (moved, units) = aligned.campaign, aligned.data, aligned.fit, effect
-    frames = fit.frames.jacobian(data.poses[rows])
+    campaign, data, (moved, units) = aligned.campaign, aligned.data, effect
+    frames = aligned.fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
     yielding = drives * units[: drives.shape[2]]
     by_condition = np.concatenate([frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), yielding], axis=2)
@@ -154,18 +154,13 @@ def _scatters(
         smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
     smooth += [(moved * units)[:, :, : sizes.shape[1]] * sizes[:, None] for sizes in more]
     causes = np.concatenate(smooth, axis=2)
-    stated = campaign.metadata
-    residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
-    if fit.rotation_residual_rad is not None and stated.sigma_rotation_rad:
-        residuals.append((fit.rotation_residual_rad, stated.sigma_rotation_rad, 3))
+    sigmas = np.repeat([campaign.metadata.sigma_position_m or 0.0, campaign.metadata.sigma_rotation_rad or 0.0], 3)
     scatters = []
-    for residual, sigma, first in residuals:
-        for k in range(3):
-            r, c = residual[rows, k], first + k
-            kept = np.isfinite(r) & np.isfinite(causes[:, c]).all(axis=1)
-            if sigma and kept.sum() >= _FEWEST_ROWS:
-                white = np.mean((drives[kept, c] / sigma) ** 2, axis=0)
-                scatters.append(Scatter(r[kept] / sigma, frames[kept, c], causes[kept, c] / sigma, white))
+    for c, r in enumerate(np.hstack([residual[rows] for residual, _ in aligned.residuals]).T):
+        kept, sigma = np.isfinite(r) & np.isfinite(causes[:, c]).all(axis=1), float(sigmas[c])
+        if sigma and kept.sum() >= _FEWEST_ROWS:
+            white = np.mean((drives[kept, c] / sigma) ** 2, axis=0)
+            scatters.append(Scatter(r[kept] / sigma, frames[kept, c], causes[kept, c] / sigma, white))
     return scatters
 
 

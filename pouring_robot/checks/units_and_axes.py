@@ -21,6 +21,7 @@ from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.description.drive import Drive
 
+Change = Callable[[FloatArray], FloatArray]
 LENGTH_MISTAKES = (
     (1e-3, "millimetres under a heading in metres"),
     (1e3, "metres under a heading in millimetres"),
@@ -94,7 +95,7 @@ class Comparison:
         rotation = None if vectors is None else rotation_matrices(vectors)
         return fit_frames(self.poses, self.position_m, rotation, metres_per_rad, rough=rough)
 
-    def turned(self, change: Callable[[FloatArray], FloatArray]) -> Self:
+    def turned(self, change: Change) -> Self:
         """Return the same with measured rotation vectors changed, if there are any."""
         vectors = self.rotation_vector_rad
         return self if vectors is None else dataclasses.replace(self, rotation_vector_rad=change(vectors))
@@ -109,7 +110,7 @@ class Comparison:
             return 0.0
         return min(_spread(self.rotation_vector_rad - other.rotation_vector_rad), math.pi)
 
-    def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Self | None:
+    def with_drives(self, drawing: Drawing, change: Change) -> Self | None:
         """Return the same with drives changed; None where too few of them have a pose."""
         drives = change(self.drives)
         some = evenly(len(drives), _GLANCE)
@@ -149,12 +150,7 @@ class Mistake:
         return "; as well possible: ".join([self.message, *self.equals])
 
 
-def _turned(
-    code: FlagCode,
-    message: str,
-    change: Callable[[FloatArray], FloatArray],
-    names: Sequence[str] = columns.ROTATION,
-) -> Mistake:
+def _turned(code: FlagCode, message: str, change: Change, names: Sequence[str] = columns.ROTATION) -> Mistake:
     """Return a mistake of rotation vectors; the change takes rows (n, 3) of what was read to vectors in rad."""
     return Mistake(code, message, names, lambda data: data.turned(change))
 
