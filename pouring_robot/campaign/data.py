@@ -23,7 +23,7 @@ from pouring_robot.campaign.metadata import (
     read_metadata,
 )
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
+from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest, counted
 from pouring_robot.io.files import write_together
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault
@@ -229,8 +229,7 @@ class Campaign(Result):
     @property
     def headline(self) -> str:
         """What is in it, in one line."""
-        sessions = len(set(self.sessions))
-        return f"{len(self)} {self.seen} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
+        return f"{len(self)} {self.seen} in {counted(len(set(self.sessions)), 'session')}, {self.path.name}"
 
     def __len__(self) -> int:
         return int(self.lines.size)

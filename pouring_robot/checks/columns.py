@@ -69,18 +69,17 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     if rows.size and usable + rows.size >= FEW_ROWS:
         empty = _headings([campaign.heading(name) for name in names])
         mend = f"fill in what was commanded: {empty} is empty in {counted(rows.size, 'row')}"
-    if usable < FEWEST_FOR_FRAMES:
-        message = f"{counted(usable, 'row')} can be used, too few to find the two frames ({FEWEST_FOR_FRAMES})"
-        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR, remedy=mend)
-    elif usable < FEW_ROWS:
-        message = f"{counted(usable, 'row')} can be used"
-        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=mend)
+    if usable < FEW_ROWS:
+        message, severity = f"{counted(usable, 'row')} can be used", None
+        if usable < FEWEST_FOR_FRAMES:
+            message, severity = f"{message}, too few to find the two frames ({FEWEST_FOR_FRAMES})", Severity.ERROR
+        yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=severity, remedy=mend)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
         remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"
         yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=remedy)
     if usable >= FEWEST_FOR_FRAMES > poses:
-        message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
+        message = f"{usable} rows show only {counted(poses, 'different pose')}"
         yield flagged(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.exceptions import CampaignError, some
+from pouring_robot.exceptions import CampaignError, counted, some
 from pouring_robot.mechanism.arrays import Indices
 
 FEW_ROWS = 20  # below this many usable rows little beyond the two frames can be told
@@ -248,8 +248,8 @@ def refuse_errors(campaign: Campaign, flags: Iterable[DataFlag]) -> None:
     """
     errors = [flag for flag in flags if flag.severity is Severity.ERROR]
     if errors:
-        first, count = errors[0], f"{len(errors)} error{'s' if len(errors) > 1 else ''}"
-        raise CampaignError(campaign.path, f"{count} in the data: {first.message}; {first.remedy}")
+        said = f"{counted(len(errors), 'error')} in the data: {errors[0].message}; {errors[0].remedy}"
+        raise CampaignError(campaign.path, said)
 
 
 def wrong_rows(flags: Iterable[DataFlag]) -> Indices:

@@ -11,7 +11,6 @@ Beside the local parameters there are simple columns for what depends on how a p
   above the reference.
 """
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
@@ -110,7 +109,7 @@ class PlanRequest:
             ("noise of a position", self.noise.position_m, "m"),
             ("noise of a rotation", self.noise.rotation_rad, "rad"),
         ):
-            if not (math.isfinite(value) and 0.0 < value <= 1.0):
+            if not 0.0 < value <= 1.0:
                 raise BadInputError(f"the {name} must be above 0 and at most 1 {unit}, not {value:g} {unit}")
         said = "the place of the target must be three figures of at most 10 m"
         target = tuple(finite(self.target_m, (3,), said).tolist())

@@ -14,7 +14,7 @@ from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.effects.conditions import LOAD
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import BaseParameters, observability
-from pouring_robot.exceptions import BadInputError, some
+from pouring_robot.exceptions import BadInputError, counted, some
 from pouring_robot.io.files import CSV_SUFFIXES, check_ending, write_whole
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
@@ -47,14 +47,14 @@ class UndeterminedError(BadInputError):
             own += ["the frames of tracker and target"] if len(own) < len(group.members) else []
             parts.append(f"{group.hidden} of {some(own, 6, ' + ')}")
         parts += [f"{some(self.unseen, 4)} (without effect)"] if self.unseen else []
-        count = len(found.names) - found.rank
+        hidden = counted(len(found.names) - found.rank, "combination")
         leave = [f"leave out {some(self.too_many, 6)}{' (--reduce does so)' if reducible else ''}"]
         # What is left of a reduction needs more poses; what all poses together do not determine, no more of them.
         mend = leave if self.too_many and (reducible or everywhere) else []
         mend += [] if everywhere else ["plan more poses"]
         mend += ["let tolerances count as priors (--priors)"] if reducible or not everywhere else []
         super().__init__(
-            f"{what} cannot determine {count} combination{'s' if count > 1 else ''} of the parameters: "
+            f"{what} cannot determine {hidden} of the parameters: "
             f"{some(parts, 3, '; ')}; {', or '.join(mend)}{'; more poses do not help' if everywhere else ''}"
         )
 

@@ -12,7 +12,7 @@ import contextlib
 import copy
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
@@ -165,7 +165,9 @@ class RobotUnderConditions:
         nominal = nominal_rows(self.definition, engine, closure)
         local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=False)
         beyond = self._beyond(told(campaign))
-        self.notes = (*beyond.values(), *self._notes(), *untold)
+        known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
+        still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)
+        self.notes = (*beyond.values(), *still, *untold)
         changes = RowChanges.of(local, engine.structure, len(drives))
         try:
             return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))]
@@ -275,13 +277,6 @@ class RobotUnderConditions:
                 lowest, highest = found.get(heading, (low, high))
                 found[heading] = min(low, lowest), max(high, highest)
         return found
-
-    def _notes(self) -> Iterator[str]:
-        """Yield, in a line each, which effects do nothing here."""
-        known = all_effects(self.definition)
-        for entry in self.robot.model.effects:
-            if not (entry.placed or known[entry.effect].moves_robot):
-                yield f"{entry.effect} moves no robot: it is of the measuring device"
 
 
 @overload
