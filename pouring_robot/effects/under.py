@@ -177,7 +177,7 @@ class RobotUnderConditions:
                 raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
             raise
 
-    def idle(self, drives: FloatArray) -> tuple[str, ...]:
+    def idle(self, drives: ArrayLike) -> tuple[str, ...]:
         """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""
         headings = {quantity.name: quantity.canonical for quantity in self.definition.condition_columns}
         stands, found = [robot.model for robot in self.robots(drives)], []

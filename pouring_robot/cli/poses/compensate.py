@@ -259,8 +259,6 @@ def _each(
 
     if under is None:
         return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", told)
-    import numpy as np
-
     from pouring_robot.effects.under import compensate_under
 
     lines = list(wanted)
@@ -272,5 +270,5 @@ def _each(
     with progress.stage_bars() as show:
         found = compensate_under(under, list(wanted.values()), at, show)
     if asked.poses is None:
-        bundles.say_idle(under, np.array([list(one.drives.values()) for one in found]))
+        bundles.say_idle(under, [list(one.drives.values()) for one in found])
     return found

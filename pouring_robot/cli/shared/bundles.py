@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pouring_robot.effects.under import RobotUnderConditions
-    from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
@@ -171,8 +170,6 @@ class Under:
         Commands are by the line of their table ``poses``, if they are from one; if not, a line on standard error says
         which conditions change nothing.
         """
-        import numpy as np
-
         under = self.of(robot, poses)
         if under is None:
             return [robot] * len(commands), ()
@@ -180,13 +177,13 @@ class Under:
         for line, command in commands.items():
             with at_line(poses, line):
                 drives.append(robot.drives_of(command))
-        robots = under.robots(np.array(drives))
+        robots = under.robots(drives)
         if poses is None:
-            say_idle(under, np.array(drives))
+            say_idle(under, drives)
         return robots, under.notes
 
 
-def say_idle(under: RobotUnderConditions, drives: FloatArray) -> None:
+def say_idle(under: RobotUnderConditions, drives: ArrayLike) -> None:
     """Say on standard error which conditions given by option change nothing at commands (n, drives), in m and rad."""
     if under.given and (idle := ", ".join(under.idle(drives))):  # without any there is nothing to close again for
         options.note(f"without --condition {idle} the robot stands the same here")
