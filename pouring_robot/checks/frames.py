@@ -91,12 +91,11 @@ def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
     everything = Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad)
     whole = poses.complete & np.isfinite(campaign.position_m).all(axis=1)
     told = {name: rows for name, rows in campaign.rows_by_session().items() if whole[rows].sum() >= _TELLING_ROWS}
-    try:
-        shared, alone = everything.fit(1.0), {name: everything[rows].fit(1.0) for name, rows in told.items()}
-    except FrameFitError:
+    if not told:
         return
+    shared = everything.fit(1.0)
     for session, members in told.items():
-        own = alone[session]
+        own = everything[members].fit(1.0)
         sizes = [(robust_sigma(shared.position_residual_m[members]), own.position_scale_m, _SUSPECT_M, MM, "mm")]
         if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
             turned = robust_sigma(shared.rotation_residual_rad[members])
