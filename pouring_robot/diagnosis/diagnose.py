@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without
+from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without, where
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
@@ -173,12 +173,12 @@ def diagnose(
         campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
     asked = work.asked(wrong)
-    with forked(lambda: _where(asked.diagnoser)) as where:  # a core that the search leaves free
+    with forked(lambda: _where(asked.diagnoser)) as located:  # a core that the search leaves free
         found = work.without_gross_errors(work.searched(asked)).beside_unknown()
         if found.diagnoser is asked.diagnoser:
-            return work.judged(found, tuple(flags), where)
-    with forked(lambda: _where(found.diagnoser)) as where:
-        return work.judged(found, tuple(flags), where)
+            return work.judged(found, tuple(flags), located)
+    with forked(lambda: _where(found.diagnoser)) as located:
+        return work.judged(found, tuple(flags), located)
 
 
 def _where(diagnoser: Diagnoser) -> Where:
@@ -300,8 +300,7 @@ class _Work:
         wrong = found.gross_errors if rows < FEW_ROWS else found.asked.inliers[:0]
         if not wrong.size or rows - wrong.size >= _FEWEST_ROWS:
             return ""
-        lines = " and ".join(f"line {line}" for line in self.campaign.lines[wrong])
-        return f"{lines} may be wrong, and too few rows are left without; measure again there"
+        return f"{where(self.campaign, wrong)} may be wrong, and too few rows are left without; measure again there"
 
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str

@@ -9,8 +9,6 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pouring_robot.checks.flags import FEW_ROWS
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
@@ -18,7 +16,7 @@ from pouring_robot.estimation.kinds import Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import HALF, calm, gross_errors, gross_errors_of_few
+from pouring_robot.inference.gross_errors import HALF, Seen, calm, gross_error_of_few, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import Indices
 
@@ -112,23 +110,28 @@ class Searched:
 
     @functools.cached_property
     def gross_errors(self) -> Indices:
-        """The rows that nothing explains, those held out among them, by index in the campaign.
+        """The rows that nothing explains, by index in the campaign.
 
-        Held-out rows are explained as with them, as what is far from all others cannot be foretold; the others without.
+        Fitted rows are asked by the fit of them alone: something unknown in the place that is held out says nothing of
+        them. Held-out rows are asked by a fit of all, as what is far from all others cannot be foretold.
         """
         given, fitted = self.diagnoser.rows.conditions, self.diagnoser.fitted
-        courses, gone, row = (poses(given), given.time_s[:, None]), self.asked.left_out.size, self.after.every_row.row
+        courses, gone, thresholds = (
+            (poses(given), given.time_s[:, None]),
+            self.asked.left_out.size,
+            self.diagnoser.thresholds,
+        )
         own, every = self.hypothesis, self.diagnoser.of_every_row(self.after, self.hypothesis)
-        residuals = (every.remainder, own.remainder), (every.deletion_residual, own.deletion_residual)
-        for with_held_out, without in residuals:
-            with_held_out[fitted[row]] = without
-        more = gross_errors([left for left, _ in residuals], row, gone, courses, (fitted, ~fitted))
+        fits = (own, self.after.fitted_rows.row, fitted), (every, self.after.every_row.row, ~fitted)
+        left = [Seen(fit.remainder, row, asked) for fit, row, asked in fits]
+        deleted = [Seen(fit.deletion_residual, row, asked) for fit, row, asked in fits]
+        more = gross_errors((left, deleted), gone, courses)
         if not more.size and not self.calm:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
-            more = gross_errors([rest.residual], rest.row, gone, courses, (np.ones_like(fitted),), HALF)
+            more = gross_errors([[Seen(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
-            every_row = self.diagnoser.problem_at(self.after, of_every_row=True)
-            more = gross_errors_of_few(every_row, row, self.diagnoser.thresholds)
+            problem = self.diagnoser.problem_at(self.after, of_every_row=True)
+            more = gross_error_of_few(problem, self.after.every_row.row, thresholds)
         return self.asked.inliers[more]
 
     @property

@@ -7,16 +7,16 @@ are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``e
 """
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc, ndtri
 
 from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import Thresholds
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, robust_sigma
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, robust_sigma
 
 _SIGMAS = 6.5
 """Of a million normal values one is beyond 4.9; this leaves room for tails that are no longer normal."""
@@ -28,7 +28,15 @@ NINE_TENTHS, HALF = 0.9, 0.5
 _TOGETHER = 0.01
 """Probability, over all courses, that scattered rows are taken for rows that lie together."""
 _USUAL = 100.0
-"""Size of a gross error, over the noise, as of an effect's own units: 1 to 1,000 times the noise are as likely."""
+"""Usual size of a gross error, over the noise; averaged over as those of effects, from 1 to 1,000 times the noise."""
+
+
+class Seen(NamedTuple):
+    """Rows as one fit leaves them."""
+
+    left: FloatArray  # what it leaves of them, or their deletion residuals, in units of the noise, (m,)
+    row: Indices  # row of each of these, (m,)
+    asked: BoolArray  # which of all rows may be gross errors for it, (n,)
 
 
 def calm(left: FloatArray) -> bool:
@@ -40,13 +48,8 @@ def calm(left: FloatArray) -> bool:
 
 
 def gross_errors(
-    residuals: Iterable[FloatArray],
-    row: NDArray[np.intp],
-    gone: int,
-    courses: Sequence[FloatArray],
-    parts: Sequence[BoolArray],
-    share: float = NINE_TENTHS,
-) -> NDArray[np.intp]:
+    seen: Iterable[Sequence[Seen]], gone: int, courses: Sequence[FloatArray], share: float = NINE_TENTHS
+) -> Indices:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
     A gross error draws the answer to itself, so that the others may not be explained to their noise before it is left
@@ -56,17 +59,14 @@ def gross_errors(
     asked by the better half: what these causes do has long tails, of which nine tenths of the rows say nothing.
 
     Args:
-        residuals: what nothing explains of n rows, in units of the noise, and their deletion residuals, (m,).
-        row: row of each of these, (m,).
+        seen: what nothing explains of n rows, and then their deletion residuals: of some of the rows each.
         gone: how many rows are left out already.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
-        parts: of the rows, (n,) each, such as those that are held out: what is not foretold of most of one part is
-            unknown there, and says nothing of the others.
         share: of the rows, by what they stay below rows count.
     """
     level, rows = _TOGETHER / len(courses), len(courses[0])
-    for left in residuals:
-        wrong = np.flatnonzero(np.any([_beyond(left, row, part, share) for part in parts], axis=0))
+    for some in seen:
+        wrong = np.flatnonzero(np.any([_beyond(one, share) for one in some], axis=0))
         count = wrong.size + gone
         few, most = count <= max(_FEW, int(_FEW_SHARE * rows)), (1.0 - NINE_TENTHS) * rows
         if wrong.size and (few or (count <= most and all(_together(wrong, c) >= level for c in courses))):
@@ -74,33 +74,44 @@ def gross_errors(
     return np.zeros(0, dtype=np.intp)
 
 
-def gross_errors_of_few(problem: Problem, row: NDArray[np.intp], thresholds: Thresholds) -> NDArray[np.intp]:
-    """Return the rows, by the row of each equation (m,), that are gross errors more likely than what takes them up.
+def gross_error_of_few(problem: Problem, row: Indices, thresholds: Thresholds) -> Indices:
+    """Return the row that is a gross error more likely than what else takes it up; none, or one.
 
-    That a row is off, each of its equations by itself, is searched for beside all that the problem has. None where
-    they are more than a few.
+    That a row is off, each of its equations by itself, is searched for beside all that the problem has; ``row`` is that
+    of each equation, (m,). Where more than one is off, then or without it, none is known to be wrong.
     """
-    wrong = [
-        Explanation("gross error", f"{one}", problem.nuisance.clear(columns), np.ones(columns.shape[1], bool), False)
-        for one in np.unique(row)
-        for columns in [_USUAL * np.eye(len(row))[:, row == one]]
-    ]
+    wrong = _off_beside(problem, row, thresholds)
+    if wrong.size != 1 or _off_beside(problem.of(row != wrong[0]), row[row != wrong[0]], thresholds).size:
+        return wrong[:0]
+    return wrong
+
+
+def _off_beside(problem: Problem, row: Indices, thresholds: Thresholds) -> Indices:
+    """Return the rows that are off by themselves beside the effects that are found with them."""
+    rows = {f"{one}": one for one in np.unique(row).tolist()}
+    wrong = [_off(problem, row == one, form) for form, one in rows.items()]
     found = search(problem.and_also(wrong), thresholds)
-    rows = np.array([int(item.form) for item in found.items if item in wrong], dtype=np.intp)
-    return np.sort(rows) if rows.size <= _FEW else rows[:0]
+    return np.array([rows[item.form] for item in found.items if item in wrong], dtype=np.intp)
 
 
-def _beyond(left: FloatArray, row: NDArray[np.intp], part: BoolArray, share: float) -> BoolArray:
-    """Return which rows of a part are far beyond what a share of them stays below, (n,)."""
-    worst = np.zeros(len(part))
-    np.maximum.at(worst, row, np.abs(left))
+def _off(problem: Problem, own: BoolArray, form: str) -> Explanation:
+    """Return that a row's equations, by a mask (m,), are off, each by itself."""
+    columns = _USUAL * (np.arange(len(own))[:, None] == np.flatnonzero(own))
+    every = np.ones(columns.shape[1], dtype=bool)
+    return Explanation("gross error", form, problem.nuisance.clear(columns), every, cause=False)
+
+
+def _beyond(seen: Seen, share: float) -> BoolArray:
+    """Return which of the rows that are asked are far beyond what a share of all that are seen stays below, (n,)."""
+    worst = np.full(len(seen.asked), -np.inf)
+    np.maximum.at(worst, seen.row, np.abs(seen.left))
+    every = worst[worst >= 0.0]
     # The largest of so many normal values stays below this in that share of rows.
-    usual = float(ndtri(0.5 + 0.5 * share ** (len(part) / len(left))))
-    stays = float(np.quantile(worst[part], share, method="lower")) if part.any() else 0.0
-    return np.asarray(part & (worst > _SIGMAS * max(1.0, stays / usual)))
+    usual = float(ndtri(0.5 + 0.5 * share ** (len(every) / len(seen.left))))
+    return np.asarray(seen.asked & (worst > _SIGMAS * max(1.0, float(np.quantile(every, share)) / usual)))
 
 
-def _together(wrong: NDArray[np.intp], course: FloatArray) -> float:
+def _together(wrong: Indices, course: FloatArray) -> float:
     """Return the probability that so many of some rows have one of them for their nearest neighbour by chance."""
     neighbours = KDTree(course).query(course[wrong], k=2)[1]
     nearest = np.where(neighbours[:, 0] == wrong, neighbours[:, 1], neighbours[:, 0])

@@ -4,21 +4,24 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.gross_errors import HALF, _together, gross_errors, gross_errors_of_few
+from pouring_robot.inference.gross_errors import HALF, Seen, _together, gross_error_of_few, gross_errors
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 from tests.inference.problems import library, planted, problem
 
 COUNT, COMPONENTS, OFF = 120, 6, 20.0
-ALL = (np.ones(COUNT, dtype=bool),)
+
+
+def of_all(left):
+    """Return what one fit leaves of all rows."""
+    return [Seen(left.ravel(), np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool))]
 
 
 def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
     """Return the rows that are left out of rows of noise, of which some are off."""
     left = noise * rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] = off
-    rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    return gross_errors([left.ravel()], rows, gone, places, ALL).tolist()
+    return gross_errors([of_all(left)], gone, places).tolist()
 
 
 @pytest.fixture
@@ -42,15 +45,21 @@ def test_rows_count_by_the_noise_or_by_what_nine_tenths_stay_below_where_that_is
     assert found([7], places, rng, noise=noise, off=off) == wrong
 
 
-@pytest.mark.parametrize("strange", [0, 1])
-def test_what_is_unknown_in_one_part_says_nothing_of_the_other(rng, places, strange):
-    """In each part one row is off by as much."""
-    held_out = np.arange(COUNT) >= 90
-    parts, wrong, rows = (~held_out, held_out), (7, 100), np.repeat(np.arange(COUNT), COMPONENTS)
-    left = rng.normal(size=(COUNT, COMPONENTS))
-    left[parts[strange]] *= 8.0
-    left[wrong, 1] = OFF
-    assert gross_errors([left.ravel()], rows, 0, places, parts).tolist() == [wrong[1 - strange]]
+def test_what_is_unknown_in_the_place_held_out_says_nothing_of_the_fitted_rows(rng, places):
+    """A fit of all rows follows it and leaves more of a fitted row than a fit of the others does."""
+    held_out, rows = np.arange(COUNT) >= 90, np.repeat(np.arange(COUNT), COMPONENTS)
+    fit_of_all, alone = rng.normal(size=(2, COUNT, COMPONENTS))
+    fit_of_all[held_out] *= 8.0
+    fit_of_all[7, 1], alone[7, 1] = 5.0 * OFF, 0.2 * OFF  # of which that counts which is alone
+    fit_of_all[100, 2] = 2.0 * OFF
+    fitted = rows < 90
+    seen = [Seen(alone.ravel()[fitted], rows[fitted], ~held_out), Seen(fit_of_all.ravel(), rows, held_out)]
+    assert gross_errors([seen], 0, places).tolist() == []
+    fit_of_all[held_out] /= 8.0
+    fit_of_all[100, 2] = 2.0 * OFF
+    assert gross_errors([seen], 0, places).tolist() == [100]
+    seen[0].left[7 * COMPONENTS + 1] = OFF
+    assert gross_errors([seen], 0, places).tolist() == [7, 100]
 
 
 def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
@@ -66,9 +75,8 @@ def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_bette
     left = np.tile([3.0, -3.0], (COUNT, COMPONENTS // 2))
     left[::5] *= 3.5
     left[[7, 61], 1] = 21.0
-    rows = np.repeat(np.arange(COUNT), COMPONENTS)
-    assert gross_errors([left.ravel()], rows, 0, places, ALL).size == 0
-    assert gross_errors([left.ravel()], rows, 0, places, ALL, HALF).tolist() == [7, 61]
+    assert gross_errors([of_all(left)], 0, places).size == 0
+    assert gross_errors([of_all(left)], 0, places, HALF).tolist() == [7, 61]
 
 
 def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
@@ -87,11 +95,11 @@ def test_the_nearest_neighbour_of_a_row_is_another_one_where_poses_are_repeated(
 
 def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_out(rng, places):
     """Rows that lie together in the one are no reason not to see a single one in the other."""
-    rows, (left, deleted) = np.repeat(np.arange(COUNT), COMPONENTS), rng.normal(size=(2, COUNT, COMPONENTS))
+    left, deleted = rng.normal(size=(2, COUNT, COMPONENTS))
     deleted[40:49, 2] += OFF
 
     def found():
-        return gross_errors((left.ravel(), deleted.ravel()), rows, 0, places, ALL).tolist()
+        return gross_errors((of_all(left), of_all(deleted)), 0, places).tolist()
 
     assert found() == []
     left[7, 0] += OFF
@@ -107,7 +115,7 @@ FEW_ROWS, FEW_COMPONENTS = 9, 3
 @pytest.mark.parametrize("wrong", [(), (4,), (2, 7), (1, 4, 7)])
 @pytest.mark.parametrize("at_work", [False, True])
 def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng, wrong, at_work):
-    """Eight effects of up to four parameters make nearly anything of nine rows; of three of nine none is taken out."""
+    """Eight effects of up to four parameters make nearly anything of nine rows; of more than one none is known to be."""
     rows = np.repeat(np.arange(FEW_ROWS), FEW_COMPONENTS)
     items = library(rng, rows.size)
     residual = planted(rng, [items[2]], [8.0]) if at_work else rng.normal(size=rows.size)
@@ -116,5 +124,5 @@ def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng
     asked = problem(residual, items, free=rng.normal(size=(rows.size, 6)))
     if len(wrong) == 1:
         assert {item.effect for item in search(asked).items} - {items[2].effect}, "something else is found for it"
-    found = gross_errors_of_few(asked, rows, DEFAULT_THRESHOLDS)
-    assert found.tolist() == (list(wrong) if len(wrong) < 3 else [])
+    found = gross_error_of_few(asked, rows, DEFAULT_THRESHOLDS)
+    assert found.tolist() == (list(wrong) if len(wrong) == 1 else [])
