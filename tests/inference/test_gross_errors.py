@@ -115,7 +115,7 @@ FEW_ROWS, FEW_COMPONENTS = 9, 3
 @pytest.mark.parametrize("wrong", [(), (4,), (2, 7), (1, 4, 7)])
 @pytest.mark.parametrize("at_work", [False, True])
 def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng, wrong, at_work):
-    """Eight effects of up to four parameters make nearly anything of nine rows; of more than one none is known to be."""
+    """Eight effects of up to four parameters make nearly anything of nine rows; of more than one none is known."""
     rows = np.repeat(np.arange(FEW_ROWS), FEW_COMPONENTS)
     items = library(rng, rows.size)
     residual = planted(rng, [items[2]], [8.0]) if at_work else rng.normal(size=rows.size)
