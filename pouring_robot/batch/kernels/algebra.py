@@ -169,18 +169,13 @@ def log_coefficients(x: float) -> tuple[float, float, float]:
 
 
 @compiled
-def residual_wrench(gap: Triple, w: Triple, kt: float, kr: float) -> tuple[Triple, Triple, Triple]:
-    """Return v of a loop that is open by a gap (m) and w (rad), and the force and torque ``Jlog^T K e``.
-
-    ``v = V(-w)^-1 gap`` as seen from b; all in the axes of gap and w. kt is in N/m, kr in Nm/rad.
-    """
+def residual_wrench(v: Triple, w: Triple, kt: float, kr: float) -> tuple[Triple, Triple]:
+    """Return force and torque ``Jlog^T K e`` of a loop; v and w in the axes wanted (m, rad), kt N/m, kr Nm/rad."""
     c, c1, _ = log_coefficients(dot(w, w))
-    across = cross(w, gap)
-    v = combined(gap, 0.5, across, c, cross(w, across))
     wv = cross(w, v)
     u, q = cross(w, wv), cross(v, wv)
     k = 2.0 * c1 * dot(w, v)
-    return v, scaled(kt, combined(v, -0.5, wv, c, u)), combined(scaled(kr, w), kt * c, q, kt * k, u)
+    return scaled(kt, combined(v, -0.5, wv, c, u)), combined(scaled(kr, w), kt * c, q, kt * k, u)
 
 
 @compiled

@@ -11,8 +11,10 @@ import numpy as np
 from pouring_robot.batch.kernels.algebra import (
     Rotation,
     Triple,
+    combined,
     cross,
     dot,
+    log_coefficients,
     minus,
     plus,
     product,
@@ -150,6 +152,14 @@ def joint_twist(star: Star, work: Workspace, i: int, k: int, point: Triple) -> t
 
 
 @compiled
+def shift_over(gap: Triple, w: Triple) -> Triple:
+    """Return ``V(-w)^-1 gap``, the translation part of log6 in b's axes, turned into base axes."""
+    c, _, _ = log_coefficients(dot(w, w))
+    across = cross(w, gap)
+    return combined(gap, 0.5, across, c, cross(w, across))
+
+
+@compiled
 def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
     """Write frames and gaps of all loops; return the energy (J) and the largest residual component (m or rad)."""
     kt, kr = star.stiffness[0], star.stiffness[1]
@@ -161,7 +171,8 @@ def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
         b = plus(origin, turn(r_platform, three(work.sites[i, seat], 9)))
         w = turn_between(r_a, product(r_platform, nine(work.sites[i, seat])))
         gap = minus(b, a)
-        v, force, torque = residual_wrench(gap, w, kt, kr)
+        v = shift_over(gap, w)
+        force, torque = residual_wrench(v, w, kt, kr)
         put(work.origin_b[i], 0, b)
         put(work.gap[i], 0, gap)
         put(work.turned[i], 0, w)
