@@ -58,7 +58,9 @@ def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first:
     if common and row != first:
         return
     errors = samples.errors[0 if common else row]
-    copy(star.placements.reshape(work.sites.size), work.sites.reshape(work.sites.size))
+    for i in range(work.sites.shape[0]):
+        for k in range(work.sites.shape[1]):
+            copy(star.placements[i, k], work.sites[i, k])
     for site in range(errors.shape[0]):
         displace(star, work, samples.site[row] if alone else site, errors[site])
 
