@@ -27,17 +27,19 @@ Rows = tuple[int, int]
 
 
 @compiled
-def load_joints(work: Workspace, samples: Samples, row: int) -> None:
-    """Copy one sample's joints into the workspace."""
-    copy(samples.joints[row].reshape(work.joints.size), work.joints)
+def load_joints(work: Workspace, joints: FloatArray) -> None:
+    """Copy one sample's joints (C, J) into the workspace."""
+    for i in range(joints.shape[0]):
+        copy(joints[i], work.joints[i * joints.shape[1] : (i + 1) * joints.shape[1]])
 
 
 @compiled
 def load_state(work: Workspace, samples: Samples, row: int) -> None:
     """Copy one sample's pose and joints into the workspace."""
-    copy(samples.rotation[row].reshape(9), work.platform)
+    for c in range(3):
+        put(work.platform, 3 * c, three(samples.rotation[row, c], 0))
     put(work.platform, 9, three(samples.position[row], 0))
-    load_joints(work, samples, row)
+    load_joints(work, samples.joints[row])
 
 
 @compiled
@@ -68,9 +70,12 @@ def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first:
 @compiled
 def store(work: Workspace, closures: Closures, row: int) -> None:
     """Write pose and joints of the workspace."""
-    copy(work.platform[:9], closures.rotation[row].reshape(9))
-    copy(work.platform[9:], closures.position[row])
-    copy(work.joints, closures.joints[row].reshape(work.joints.size))
+    chains, count = closures.joints.shape[1:]
+    for c in range(3):
+        closures.position[row, c] = work.platform[9 + c]
+        copy(work.platform[3 * c : 3 * c + 3], closures.rotation[row, c])
+    for i in range(chains):
+        copy(work.joints[i * count : (i + 1) * count], closures.joints[row, i])
 
 
 @outermost
@@ -107,7 +112,7 @@ def carry_samples(
     """Carry the end frame by one chain a sample (n,); of the start only the joints count."""
     first, last = rows
     for row in range(first, last):
-        load_joints(work, samples, row)
+        load_joints(work, samples.joints[row])
         load_drives(star, work, drives[row])
         place_errors(star, work, samples, row, first)
         r_a, _, origin = branch_end(star, work, chain[row])

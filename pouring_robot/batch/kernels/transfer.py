@@ -198,7 +198,7 @@ def branch_samples(
         place_errors(star, work, samples, row, first)
         if status[row] != CLOSED:
             continue
-        load_joints(work, samples, row)
+        load_joints(work, samples.joints[row])
         for i in range(chains):
             r_a, offset, end = branch_end(star, work, i)
             face(work, 1.0)
