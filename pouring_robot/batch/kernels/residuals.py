@@ -46,6 +46,7 @@ class Workspace(NamedTuple):
     shift: FloatArray  # v, (C, 3)
     force: FloatArray  # with which b pulls at a, (C, 3)
     torque: FloatArray  # about the origin of b, (C, 3)
+    axes_a: FloatArray  # rotation of frame a, (C, 9)
     columns: FloatArray  # joint twists of the passive places about the chain's reference point, (C, 6 P)
     stiff: FloatArray  # W times the columns, (C, 6 P)
     factor: FloatArray  # unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P)
@@ -89,7 +90,7 @@ def make_workspace(star: Star) -> Workspace:
     chains, joints = star.revolute.shape
     places = star.passive.shape[1]
     count, six = chains * joints, (chains, 6 * places)
-    shapes = (count, count, 12, 12, (chains, joints, 9), *[(chains, 3)] * 6, six, six)
+    shapes = (count, count, 12, 12, (chains, joints, 9), *[(chains, 3)] * 6, (chains, 9), six, six)
     more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
     return Workspace(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
 
@@ -152,11 +153,11 @@ def joint_twist(star: Star, work: Workspace, i: int, k: int, point: Triple) -> t
 
 
 @compiled
-def shift_over(gap: Triple, w: Triple) -> Triple:
-    """Return ``V(-w)^-1 gap``, the translation part of log6 in b's axes, turned into base axes."""
+def shift_over(gap: Triple, w: Triple, side: float) -> Triple:
+    """Return ``V(side w)^-1 gap``, the translation part of log6: of a's axes (side 1) or b's (-1), in base axes."""
     c, _, _ = log_coefficients(dot(w, w))
     across = cross(w, gap)
-    return combined(gap, 0.5, across, c, cross(w, across))
+    return combined(gap, -0.5 * side, across, c, cross(w, across))
 
 
 @compiled
@@ -171,7 +172,7 @@ def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
         b = plus(origin, turn(r_platform, three(work.sites[i, seat], 9)))
         w = turn_between(r_a, product(r_platform, nine(work.sites[i, seat])))
         gap = minus(b, a)
-        v = shift_over(gap, w)
+        v = shift_over(gap, w, -1.0)
         force, torque = residual_wrench(v, w, kt, kr)
         put(work.origin_b[i], 0, b)
         put(work.gap[i], 0, gap)
@@ -179,6 +180,8 @@ def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
         put(work.shift[i], 0, v)
         put(work.force[i], 0, force)
         put(work.torque[i], 0, torque)
+        for k in range(9):
+            work.axes_a[i, k] = r_a[k]
         energy += 0.5 * (kt * dot(v, v) + kr * dot(w, w))
         # NaN must win: it compares false with everything.
         for value in (v[0], v[1], v[2], w[0], w[1], w[2]):
@@ -188,11 +191,11 @@ def evaluate(star: Star, work: Workspace) -> tuple[float, float]:
 
 
 @compiled
-def residual_of(star: Star, work: Workspace, i: int, residual: FloatArray) -> None:
+def residual_of(work: Workspace, i: int, residual: FloatArray) -> None:
     """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, (6,)."""
-    r_b = product(nine(work.platform), nine(work.sites[i, star.revolute.shape[1] + 1]))
-    put(residual, 0, turn_back(r_b, three(work.shift[i], 0)))
-    put(residual, 3, turn_back(r_b, three(work.turned[i], 0)))
+    r_a, w = nine(work.axes_a[i]), three(work.turned[i], 0)
+    put(residual, 0, turn_back(r_a, shift_over(three(work.gap[i], 0), w, 1.0)))
+    put(residual, 3, turn_back(r_a, w))
 
 
 @compiled

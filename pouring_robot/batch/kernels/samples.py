@@ -102,7 +102,7 @@ def close_samples(
         if code == CLOSED:
             store(work, closures, row)
             for i in range(star.revolute.shape[0]):
-                residual_of(star, work, i, closures.residual[row, i])
+                residual_of(work, i, closures.residual[row, i])
 
 
 @outermost
