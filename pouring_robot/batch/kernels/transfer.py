@@ -35,6 +35,9 @@ from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.status import CLOSED, SINGULAR
 
+# Loops open by less carry no wrench that counts (m or rad).
+_SECOND_ORDER_ABOVE = 1e-12
+
 
 class Columns(NamedTuple):
     """Which columns G has."""
@@ -55,10 +58,10 @@ def determined(work: Workspace) -> bool:
 
 
 @compiled
-def enter_chain(star: Star, work: Workspace, i: int) -> Triple:
+def enter_chain(star: Star, work: Workspace, i: int, exact: bool) -> Triple:
     """Write lambda, ``front`` before the first joint and ``through`` of chain i; return its reference point."""
     places = star.passive.shape[1]
-    rho = chain_columns(star, work, i, True)
+    rho = chain_columns(star, work, i, exact)
     coupling, factor, w = work.coupling[i], work.factor[i], work.matrix
     for r in range(6):
         u, own = 6 * r, r * places
@@ -133,7 +136,7 @@ def site_axes(work: Workspace, i: int, k: int) -> Rotation:
 
 
 @compiled
-def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArray) -> None:
+def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArray, exact: bool) -> None:
     """Write G (columns, 6) of the evaluated and factorised sample."""
     work.unit[:] = 0.0
     for r in range(6):  # u is the inverse Schur complement
@@ -141,13 +144,13 @@ def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArr
         solve_platform(work.schur, work.unit[6 * r : 6 * r + 6])
     joints, places = star.revolute.shape[1], star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
-        reference = enter_chain(star, work, i)
+        reference = enter_chain(star, work, i, exact)
         for k in range(joints):
             site = i * (joints + 1) + k
             if columns.site_start[site] < columns.site_start[site + 1]:
                 write_site(work, columns, site, site_axes(work, i, k), arm_of(work, i, k, reference), matrix)
             n = star.place[i, k]
-            if n >= 0:  # passive place n turns from a later into an earlier freedom
+            if n >= 0 and exact:  # passive place n turns from a later into an earlier freedom
                 turned = bracket(work, i, three(work.columns[i], 6 * n), three(work.columns[i], 6 * n + 3))
                 for r in range(6):
                     add_to_front(work, r, -work.multipliers[r * places + n], turned)
@@ -160,7 +163,7 @@ def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArr
         # ``front`` behind the last joint, (E + L)^T W, turns into the seat's -(E + L)^T W^T.
         for c in range(36):
             work.front[c] = -work.front[c]
-        for r in range(6):
+        for r in range(6 if exact else 0):
             add_to_front(work, r, 1.0, bracket(work, i, three(work.through, 6 * r), three(work.through, 6 * r + 3)))
         arm = minus(reference, three(work.origin_b[i], 0))
         turned_axes = product(nine(work.platform), nine(work.sites[i, joints + 1]))
@@ -178,9 +181,10 @@ def transfer_samples(
         if status[row] != CLOSED:
             continue
         load_state(work, samples, row)
-        evaluate(star, work)
-        if factorise(star, work, True, 0.0) and determined(work):
-            transfer_one(star, work, columns, matrix[row])
+        _, residual = evaluate(star, work)
+        exact = residual >= _SECOND_ORDER_ABOVE
+        if factorise(star, work, exact, 0.0) and determined(work):
+            transfer_one(star, work, columns, matrix[row], exact)
         else:
             status[row] = SINGULAR
 
