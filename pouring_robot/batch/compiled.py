@@ -59,7 +59,7 @@ class CompiledEngine(Engine):
             if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
                 raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
         options = self.options
-        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=0.0)
+        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=0.0) if len(placed.errors) else 0.0
         steps = np.broadcast_to(options.growth_steps(np.fmax(own, self._largest_turn)), len(start))
         if self.structure.is_serial or steps.max(initial=1) == 1:
             return self._straight(drives, start, placed)

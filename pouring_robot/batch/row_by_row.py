@@ -77,9 +77,9 @@ def _solvers(structure: Structure, placed: SiteErrors, options: ClosureOptions) 
     joints, errors, site = structure.site_joints, placed.errors, placed.site
     if site.size:
         return lambda row: displaced((joints[site[row]],), errors[row])
-    if len(errors) != 1:
+    if len(errors) > 1:
         return lambda row: displaced(joints, errors[row])
-    common = displaced(joints, errors[0])
+    common = displaced(joints, errors[0]) if len(errors) else ClosureSolver(structure.mechanism, options=options)
     return lambda row: common
 
 

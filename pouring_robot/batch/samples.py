@@ -71,8 +71,8 @@ class BatchCommand:
 class SiteErrors:
     """Placement errors of samples; see :meth:`take` and :meth:`one_each`."""
 
-    # translation (m) and rotation vector (rad), shape (n, sites, 6); (1, sites, 6) where all samples share them,
-    # (n, 1, 6) if each displaces one site
+    # translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces one site;
+    # (0, sites, 6) for none
     errors: FloatArray
     site: IntArray  # the site each sample displaces, shape (n,), or (0,)
 
@@ -90,7 +90,7 @@ class SiteErrors:
 
     def finite(self, count: int) -> BoolArray:
         """Return which of ``count`` samples have errors that are finite numbers, (n,)."""
-        return np.broadcast_to(finite(self.errors), count)
+        return np.broadcast_to(finite(self.errors) if len(self.errors) else True, count)
 
     def __getitem__(self, samples: IntArray) -> SiteErrors:
         if self.site.size:
@@ -100,21 +100,23 @@ class SiteErrors:
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
         """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
+        nothing = np.zeros(0, dtype=np.int64)
+        if errors is None:
+            return cls(np.zeros((0, sites, 6)), nothing)
         if isinstance(errors, SiteErrors):
-            if len(errors.errors) != count or (errors.site.size and errors.errors.shape[1] != 1):
+            if len(errors.errors) not in (0, count) or (errors.site.size and errors.errors.shape[1] != 1):
                 raise BadInputError(f"there are {count} samples but errors for {len(errors.errors)}")
             if errors.site.size and not (errors.site.min() >= 0 and errors.site.max() < sites):
                 raise BadInputError(f"a site must be 0 to {sites - 1}, not {errors.site.min()} to {errors.site.max()}")
             return errors
-        array = fixed(np.zeros(sites * 6) if errors is None else errors)
+        array = fixed(errors)
         if array.shape not in ((sites * 6,), (count, sites * 6)):
             raise BadInputError(
                 f"errors must have the shape ({sites * 6},) or ({count}, {sites * 6}), not {array.shape}"
             )
         if array.ndim == 1 and not np.all(np.isfinite(array)):
             raise BadInputError("the placement errors common to all samples hold a value that is not a finite number")
-        rows = np.atleast_2d(array)
-        return cls(rows.reshape(len(rows), sites, 6), np.zeros(0, dtype=np.int64))
+        return cls(array.reshape(-1, sites, 6), nothing)
 
 
 @dataclass(frozen=True, eq=False)

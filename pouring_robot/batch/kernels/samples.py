@@ -55,11 +55,10 @@ def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first:
 
     Errors that all samples share are put in place with sample ``first``, whether or not that one has an answer.
     """
-    alone = samples.site.shape[0] > 0
-    common = samples.errors.shape[0] == 1 and not alone
-    if common and row != first:
+    count, alone = samples.errors.shape[0], samples.site.shape[0] > 0
+    if count == 0 or (count == 1 and not alone and row != first):
         return
-    errors = samples.errors[0 if common else row]
+    errors = samples.errors[row if count > 1 or alone else 0]
     for i in range(work.sites.shape[0]):
         for k in range(work.sites.shape[1]):
             copy(star.placements[i, k], work.sites[i, k])
