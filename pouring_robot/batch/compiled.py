@@ -24,7 +24,7 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE, MODE_ENDS, NOT_CONVERGED, NOT_FINITE
+from pouring_robot.mechanism.closure.status import CLOSED, MODE_ENDS, NOT_CONVERGED, NOT_FINITE
 from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
@@ -129,11 +129,9 @@ class CompiledEngine(Engine):
         result.status[~sound | ~(skew < _ROTATION_TOLERANCE)] = NOT_FINITE
         options = self.options
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
-        self._share(
-            len(start), close_samples, samples, drives, fixed(limits), options.max_iterations, written, star=star
-        )
         open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
-        result.refuse(np.any(result.gaps > open_by, axis=1), GAP_TOO_LARGE)
+        settings = fixed([*limits, *open_by])
+        self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written, star=star)
         return result
 
     def carry(

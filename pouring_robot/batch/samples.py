@@ -151,12 +151,6 @@ class BatchClosure:
         """Which samples are closed, shape (n,)."""
         return np.asarray(self.status == CLOSED)
 
-    @property
-    def gaps(self) -> FloatArray:
-        """Largest distance (m) and angle (rad) that a loop of each sample is open by, shape (n, 2)."""
-        parts = self.residual.reshape(len(self), self.residual.shape[1], 2, 3)
-        return np.asarray(np.linalg.norm(parts, axis=-1).max(axis=1, initial=0.0))
-
     def put(self, samples: IntArray, others: BatchClosure) -> None:
         """Put others in the place of some samples."""
         for name in (one.name for one in fields(self)):

@@ -3,7 +3,7 @@
 A sample's result depends on its own input only, never on the range or the thread it fell to.
 """
 
-from pouring_robot.batch.kernels.algebra import product, transposed
+from pouring_robot.batch.kernels.algebra import dot, product, transposed
 from pouring_robot.batch.kernels.closing import close_one
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
@@ -20,7 +20,7 @@ from pouring_robot.batch.kernels.residuals import (
 )
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.status import CLOSED
+from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE
 
 Rows = tuple[int, int]
 """The first of the samples that a call takes, and the one behind its last."""
@@ -67,6 +67,16 @@ def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first:
 
 
 @compiled
+def small_gaps(star: Star, work: Workspace, options: FloatArray) -> bool:
+    """Return whether no loop is open by more than ``options[4]`` (m) and ``options[5]`` (rad)."""
+    for i in range(star.revolute.shape[0]):
+        shift, turned = three(work.shift[i], 0), three(work.turned[i], 0)
+        if not (dot(shift, shift) <= options[4] ** 2 and dot(turned, turned) <= options[5] ** 2):
+            return False
+    return True
+
+
+@compiled
 def store(work: Workspace, closures: Closures, row: int) -> None:
     """Write pose and joints of the workspace."""
     chains, count = closures.joints.shape[1:]
@@ -97,6 +107,8 @@ def close_samples(
         load_state(work, samples, row)
         load_drives(star, work, drives[row])
         code, closures.iterations[row] = close_one(star, work, options, max_iterations)
+        if code == CLOSED and not small_gaps(star, work, options):
+            code = GAP_TOO_LARGE
         closures.status[row] = code
         if code == CLOSED:
             store(work, closures, row)

@@ -54,8 +54,9 @@ class JointRow:
         columns |= structure.joint_values(closed.joints)
         columns = {name: values - beyond.get(name, 0.0) for name, values in columns.items()}
         units = {name: mechanism.unit_of(name) for name in columns}
-        rows = zip(np.transpose(list(columns.values())).tolist(), closed.gaps.tolist(), strict=True)
-        return [cls(dict(zip(columns, row, strict=True)), units, *gaps) for row, gaps in rows]
+        gaps = [np.linalg.norm(part, axis=2).max(axis=1) for part in np.split(closed.residual, 2, axis=2)]
+        rows = zip(np.transpose(list(columns.values())).tolist(), *(gap.tolist() for gap in gaps), strict=True)
+        return [cls(dict(zip(columns, row, strict=True)), units, gap, turn) for row, gap, turn in rows]
 
 
 def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
