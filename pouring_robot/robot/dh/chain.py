@@ -133,8 +133,13 @@ def dh_transform(values: FloatArray) -> FloatArray:
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of transforms (..., 4, 4)."""
-    return np.asarray(np.linalg.inv(matrix), dtype=float)
+    """Return the inverse of rigid transforms (..., 4, 4)."""
+    result = np.zeros_like(matrix)
+    rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    result[..., :3, :3] = rotation
+    result[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, matrix[..., :3, 3])
+    result[..., 3, 3] = 1.0
+    return result
 
 
 def adjoint(transforms: FloatArray) -> FloatArray:

@@ -103,6 +103,7 @@ def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHPara
     for t, transform in enumerate(TRANSFORMS):
         for s, symbol in enumerate(SYMBOLS):
             joint = variables.get((t, s))
+            x, y, z, rx, ry, rz = (float(component) for component in twists[t, s])
             role, reason = _role(t, s, joint, drives)
             yield DHParameter(
                 name=f"{symbol}_e{chain.number}_{transform if s in (A, ALPHA) else transform[1]}",
@@ -116,7 +117,7 @@ def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHPara
                 moves_with=joint,
                 reason=reason,
                 joint=chain.joints[SITES[t]],
-                twist=tuple(twists[t, s].tolist()),
+                twist=(x, y, z, rx, ry, rz),
             )
 
 
