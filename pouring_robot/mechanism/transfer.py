@@ -17,13 +17,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import eigenpy
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly, as_columns
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
-from pouring_robot.mechanism.closure.null_space import Spectrum
+from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.closure.placement_derivatives import PlacedTwists, Weight
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.local_parameters import (
@@ -174,9 +175,18 @@ def _answer(hessian: FloatArray, wanted: FloatArray, twists: FloatArray) -> Floa
     """
     if not hessian.size or not wanted.size:
         return wanted
+    scale = unit_scale(hessian)
+    scaled = hessian * scale[:, None] * scale
+    values = np.linalg.eigvalsh(scaled)
+    if values[0] > SINGULAR_RATIO * values[-1]:
+        factor = eigenpy.LLT(scaled)
+        wanted = scale[:, None] * wanted
+        # One column comes back from Eigen as a vector.
+        solution = factor.solve(wanted).reshape(wanted.shape)
+        solution += factor.solve(wanted - scaled @ solution).reshape(wanted.shape)
+        return np.asarray(scale[:, None] * solution)
     spectrum = Spectrum.of(hessian)
     shown = np.abs(twists @ spectrum.idle).max(initial=0.0)
     if not spectrum.is_semidefinite or shown > _IDLE or spectrum.left_out(wanted).max() > _IDLE:
         raise SingularPoseError(spectrum.ratio)
-    solution = spectrum.solve(wanted)
-    return solution + spectrum.solve(wanted - hessian @ solution)  # what round-off left of it
+    return spectrum.solve(wanted)

@@ -19,6 +19,13 @@ SINGULAR_RATIO = 1e-13
 _NO_STIFFNESS = 1e-16
 
 
+def unit_scale(matrix: FloatArray) -> FloatArray:
+    """Return the factors that scale a Hessian to a unit diagonal, shape (n,): metres and radians differ by decades."""
+    diagonal = np.abs(np.diagonal(matrix))
+    largest = diagonal.max(initial=0.0) or 1.0
+    return np.asarray(1.0 / np.sqrt(np.maximum(diagonal, _NO_STIFFNESS * largest)))
+
+
 def is_regular(factors: eigenpy.LLT, matrix: FloatArray) -> bool:
     """Return whether a Cholesky factorisation succeeded and no pivot of it is round-off of zero."""
     if factors.info() != eigenpy.ComputationInfo.Success:
@@ -31,15 +38,14 @@ def is_regular(factors: eigenpy.LLT, matrix: FloatArray) -> bool:
 class Spectrum:
     """Eigenvalues of a symmetric matrix scaled to a unit diagonal, and what they determine."""
 
-    scale: FloatArray  # factors of the scaling, shape (n,): metres and radians differ by decades
+    scale: FloatArray  # factors of the scaling, shape (n,)
     values: FloatArray  # eigenvalues, rising, shape (n,)
     vectors: FloatArray  # one a column, shape (n, n)
 
     @classmethod
     def of(cls, matrix: FloatArray) -> Self:
         """Decompose a symmetric matrix, shape (n, n)."""
-        diagonal = np.abs(np.diagonal(matrix))
-        scale = 1.0 / np.sqrt(np.maximum(diagonal, _NO_STIFFNESS * (diagonal.max() or 1.0)))
+        scale = unit_scale(matrix)
         # By QR steps: NumPy's divide and conquer ends without an answer for some of many eigenvalues near zero. Of what
         # is not finite all is NaN, at which a closure ends.
         found = eigenpy.SelfAdjointEigenSolver(matrix * scale[:, None] * scale)
