@@ -16,7 +16,7 @@ from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.kernels.residuals import Closures, Samples, make_workspace
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, finite, shaped
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.io.given import whole
@@ -24,11 +24,10 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.closure.status import CLOSED, MODE_ENDS, NOT_CONVERGED, NOT_FINITE
+from pouring_robot.mechanism.closure.status import CLOSED, MODE_ENDS, NOT_CONVERGED
 from pouring_robot.mechanism.local_parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
-_ROTATION_TOLERANCE = 1e-6
 
 
 class CompiledEngine(Engine):
@@ -121,12 +120,8 @@ class CompiledEngine(Engine):
         if chain is not None or self.structure.is_serial:
             own = fixed(np.zeros(len(start)) if chain is None else chain, np.int64)
             self._share(len(start), carry_samples, samples, drives, own, written, star=star)
-            result.residual[:] = 0.0
-            result.refuse(~finite(result.position, result.rotation, result.joints), NOT_FINITE)
+            result.residual[result.closed] = 0.0
             return result
-        skew = np.abs(np.swapaxes(start.rotation, 1, 2) @ start.rotation - np.eye(3)).max(axis=(1, 2))
-        sound = finite(drives, start.position, start.joints) & placed.finite(len(start))
-        result.status[~sound | ~(skew < _ROTATION_TOLERANCE)] = NOT_FINITE
         options = self.options
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
         open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
@@ -155,10 +150,10 @@ class CompiledEngine(Engine):
         return BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
 
     def _transfer(
-        self, closed: BatchClosure, status: ByteArray, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
         kernel = branch_samples if self.structure.is_serial else transfer_samples  # an arm is its only branch
-        return self._of_kernel(kernel, status, chosen, _samples(closed.as_start(), placed))
+        return self._of_kernel(kernel, closed.status, chosen, _samples(closed.as_start(), placed))
 
     def transfer_open_branch(
         self,
@@ -174,16 +169,15 @@ class CompiledEngine(Engine):
         joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")
         placed = SiteErrors.take(errors, count, self.structure.site_count)
         samples = Samples(fixed(np.zeros((0, 3))), fixed(np.zeros((0, 3, 3))), joints, placed.errors, placed.site)
-        status = np.where(finite(joints) & placed.finite(count), CLOSED, NOT_FINITE).astype(np.uint8)
-        return self._of_kernel(branch_samples, status, self._chosen(parameters), samples)
+        return self._of_kernel(branch_samples, np.zeros(count, dtype=np.uint8), self._chosen(parameters), samples)
 
     def _of_kernel(
         self, kernel: Callable[..., None], status: ByteArray, chosen: tuple[GeometricParameter, ...], samples: Samples
     ) -> BatchTransfer:
         """Return what a kernel says of G; samples that are not closed keep their status."""
-        matrix = np.full((len(status), len(chosen), 6), np.nan)
-        self._share(len(status), kernel, samples, self._columns(chosen), matrix, status)
-        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), status)
+        matrix, found = np.empty((len(status), len(chosen), 6)), np.empty_like(status)
+        self._share(len(status), kernel, samples, self._columns(chosen), matrix, found)
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), np.where(status == CLOSED, found, status))
 
     def _columns(self, parameters: Sequence[GeometricParameter]) -> Columns:
         """Sort the columns by the site that each displaces."""

@@ -1,7 +1,5 @@
 """Which engine a mechanism gets: the compiled one if it is a star of serial chains or a serial arm, else row by row."""
 
-import contextlib
-
 import numpy as np
 
 from pouring_robot.batch.compiled import CompiledEngine
@@ -17,10 +15,12 @@ def engine_for(
     mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
 ) -> Engine:
     """Return the fastest engine that takes a mechanism; results do not depend on it. Raises as the engines do."""
-    with contextlib.suppress(UnsupportedMechanismError):  # no star, no serial arm
-        if not mechanism.loops.redundant_drives:
-            return CompiledEngine(mechanism, threads, options)
-    return GeneralEngine(mechanism, options)
+    if mechanism.loops.redundant_drives:
+        return GeneralEngine(mechanism, options)
+    try:
+        return CompiledEngine(mechanism, threads, options)
+    except UnsupportedMechanismError:  # no star, no serial arm
+        return GeneralEngine(mechanism, options)
 
 
 def seen_from_rest(engine: Engine, closed: BatchClosure) -> tuple[Engine, BatchClosure]:

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, finite, shaped
-from pouring_robot.batch.structure import ByteArray, Structure
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.structure import Structure
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closure.solver import ClosureOptions
-from pouring_robot.mechanism.closure.status import NOT_FINITE
 from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     GeometricParameter,
@@ -70,13 +69,11 @@ class Engine(ABC):
         Raises UnknownJointError where the engine does not displace a joint, BadInputError for what else does not fit.
         """
         placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
-        sound = ~closed.closed | (finite(closed.joints) & placed.finite(len(closed)))
-        status = np.where(sound, closed.status, NOT_FINITE).astype(np.uint8)
-        return self._transfer(closed, status, self._chosen(parameters), placed)
+        return self._transfer(closed, self._chosen(parameters), placed)
 
     @abstractmethod
     def _transfer(
-        self, closed: BatchClosure, status: ByteArray, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer: ...
 
     def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[GeometricParameter, ...]:

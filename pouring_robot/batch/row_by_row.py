@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, finite, shaped
-from pouring_robot.batch.structure import ByteArray, Structure, seat_joints
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.structure import Structure, seat_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -33,9 +33,11 @@ class GeneralEngine(Engine):
         shaped(start.joints, (count, mechanism.shared_model.nq), "the start's joints")
         solver_of, redundant = _solvers(self.structure, placed, self.options), redundant_drives(mechanism)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
-        result.status[~(finite(drives, start.joints) & placed.finite(count))] = NOT_FINITE
-        for row in np.flatnonzero(result.closed).tolist():
+        for row in range(count):
             solver = solver_of(row)
+            if solver is None or not np.isfinite(drives[row]).all() or not np.isfinite(start.joints[row]).all():
+                result.status[row] = NOT_FINITE
+                continue
             try:
                 closed = solver.solve(mechanism.named_drives(drives[row]), start.joints[row])
             except ClosureError as problem:
@@ -45,19 +47,22 @@ class GeneralEngine(Engine):
             pose = solver.mechanism.pose_base_to_end(closed.configuration)
             result.position[row], result.rotation[row] = pose.translation, pose.rotation
             result.joints[row], result.residual[row] = closed.configuration, closed.residual
-            result.iterations[row] = closed.iterations
+            result.iterations[row], result.status[row] = closed.iterations, CLOSED
             if redundant:
                 result.disagreement[row], _ = disagreement(solver, closed, redundant)
         return result
 
     def _transfer(
-        self, closed: BatchClosure, status: ByteArray, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
         solver_of = _solvers(self.structure, placed, self.options)
-        matrix = np.full((len(closed), 6, len(chosen)), np.nan)
+        matrix, status = np.full((len(closed), 6, len(chosen)), np.nan), closed.status.copy()
         redundant = np.full((len(closed), closed.disagreement.shape[1], len(chosen)), np.nan)
-        for row in np.flatnonzero(status == CLOSED).tolist():
+        for row in np.flatnonzero(closed.status == CLOSED).tolist():
             solver = solver_of(row)
+            if solver is None:
+                status[row] = NOT_FINITE
+                continue
             try:
                 result = solver.result_at(closed.joints[row])
                 matrix[row] = closed_chain_transfer(solver, result, chosen).matrix
@@ -68,10 +73,14 @@ class GeneralEngine(Engine):
         return BatchTransfer(chosen, matrix, status, redundant)
 
 
-def _solvers(structure: Structure, placed: SiteErrors, options: ClosureOptions) -> Callable[[int], ClosureSolver]:
-    """Return what gives the solver of a sample by its number."""
+def _solvers(
+    structure: Structure, placed: SiteErrors, options: ClosureOptions
+) -> Callable[[int], ClosureSolver | None]:
+    """Return what gives the solver of a sample by its number: None where an error of it is not a finite number."""
 
-    def displaced(joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver:
+    def displaced(joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver | None:
+        if not np.isfinite(errors).all():
+            return None
         return ClosureSolver(structure.mechanism.displaced(placements(joints, errors)), options=options)
 
     joints, errors, site = structure.site_joints, placed.errors, placed.site

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, ReadOnly
+from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 from pouring_robot.mechanism.closure.status import CLOSED
 from pouring_robot.mechanism.closure.status import STATUS_NAMES as STATUS_NAMES  # noqa: PLC0414 - the room exports it
 from pouring_robot.mechanism.local_parameters import LocalParameter
@@ -87,10 +87,6 @@ class SiteErrors:
         if site.ndim != 1 or error.shape != (len(site), 6):
             raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
         return cls(error[:, None, :], site)
-
-    def finite(self, count: int) -> BoolArray:
-        """Return which of ``count`` samples have errors that are finite numbers, (n,)."""
-        return np.broadcast_to(finite(self.errors) if len(self.errors) else True, count)
 
     def __getitem__(self, samples: IntArray) -> SiteErrors:
         if self.site.size:
@@ -187,11 +183,6 @@ class BatchTransfer(ReadOnly):
     status: ByteArray  # as in :class:`BatchClosure`, (n,); singular where it is closed, its platform not determined
     # derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives
     disagreement: FloatArray | None = None
-
-
-def finite(*arrays: FloatArray) -> BoolArray:
-    """Return where all that arrays (n, ...) have of a sample is finite, (n,)."""
-    return np.asarray(np.all([np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0))
 
 
 def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:

@@ -3,6 +3,8 @@
 A sample's result depends on its own input only, never on the range or the thread it fell to.
 """
 
+import math
+
 from pouring_robot.batch.kernels.algebra import dot, product, transposed
 from pouring_robot.batch.kernels.closing import close_one
 from pouring_robot.batch.kernels.compiler import compiled, outermost
@@ -11,7 +13,6 @@ from pouring_robot.batch.kernels.residuals import (
     Samples,
     Workspace,
     branch_end,
-    copy,
     displace,
     nine,
     put,
@@ -20,50 +21,74 @@ from pouring_robot.batch.kernels.residuals import (
 )
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE
+from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE, NOT_FINITE
 
+_ROTATION_TOLERANCE = 1e-6
 Rows = tuple[int, int]
 """The first of the samples that a call takes, and the one behind its last."""
 
 
 @compiled
-def load_joints(work: Workspace, joints: FloatArray) -> None:
-    """Copy one sample's joints (C, J) into the workspace."""
-    for i in range(joints.shape[0]):
-        copy(joints[i], work.joints[i * joints.shape[1] : (i + 1) * joints.shape[1]])
+def load_joints(star: Star, work: Workspace, joints: FloatArray) -> bool:
+    """Copy one sample's joints (C, J) into the workspace; return whether they are finite."""
+    total = 0.0
+    chains, count = star.revolute.shape
+    for i in range(chains):
+        for k in range(count):
+            work.joints[i * count + k] = joints[i, k]
+            total += abs(joints[i, k])
+    return math.isfinite(total)
 
 
 @compiled
-def load_state(work: Workspace, samples: Samples, row: int) -> None:
-    """Copy one sample's pose and joints into the workspace."""
-    for c in range(3):
-        put(work.platform, 3 * c, three(samples.rotation[row, c], 0))
+def load_state(star: Star, work: Workspace, samples: Samples, row: int) -> bool:
+    """Copy one sample's pose and joints into the workspace; return whether they are finite and the axes orthonormal."""
+    total, skew = 0.0, 0.0
     put(work.platform, 9, three(samples.position[row], 0))
-    load_joints(work, samples.joints[row])
+    for c in range(3):
+        total += abs(work.platform[9 + c])
+        put(work.platform, 3 * c, three(samples.rotation[row, c], 0))
+    for c in range(3):
+        for k in range(c + 1):
+            product = 1.0 if c == k else 0.0
+            for m in range(3):
+                product -= work.platform[3 * m + c] * work.platform[3 * m + k]
+            skew += abs(product)
+    return load_joints(star, work, samples.joints[row]) and math.isfinite(total) and skew < _ROTATION_TOLERANCE
 
 
 @compiled
-def load_drives(star: Star, work: Workspace, drives: FloatArray) -> None:
-    """Put one sample's drive values over its joints."""
+def load_drives(star: Star, work: Workspace, drives: FloatArray) -> bool:
+    """Put one sample's drive values over its joints; return whether they are finite."""
+    total = 0.0
     for d in range(star.drives.shape[0]):
         work.joints[star.drives[d, 0] * star.revolute.shape[1] + star.drives[d, 1]] = drives[d]
+        total += abs(drives[d])
+    return math.isfinite(total)
 
 
 @compiled
-def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first: int) -> None:
-    """Put the errors of one sample into the workspace's sites.
+def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first: int) -> bool:
+    """Put the errors of one sample into the workspace's sites; return whether they are finite.
 
-    Errors that all samples share are put in place with sample ``first``, whether or not that one has an answer.
+    Errors that all samples share are put in place with sample ``first``.
     """
-    count, alone = samples.errors.shape[0], samples.site.shape[0] > 0
-    if count == 0 or (count == 1 and not alone and row != first):
-        return
-    errors = samples.errors[row if count > 1 or alone else 0]
-    for i in range(work.sites.shape[0]):
-        for k in range(work.sites.shape[1]):
-            copy(star.placements[i, k], work.sites[i, k])
+    count = samples.errors.shape[0]
+    if count == 0:
+        return True
+    errors = samples.errors[row if count > 1 or samples.site.shape[0] > 0 else 0]
+    total = 0.0
     for site in range(errors.shape[0]):
-        displace(star, work, samples.site[row] if alone else site, errors[site])
+        for c in range(6):
+            total += abs(errors[site, c])
+    if count > 1 or samples.site.shape[0] > 0 or row == first:
+        for i in range(work.sites.shape[0]):
+            for k in range(work.sites.shape[1]):
+                for c in range(12):
+                    work.sites[i, k, c] = star.placements[i, k, c]
+        for site in range(errors.shape[0]):
+            displace(star, work, samples.site[row] if samples.site.shape[0] > 0 else site, errors[site])
+    return math.isfinite(total)
 
 
 @compiled
@@ -77,14 +102,18 @@ def small_gaps(star: Star, work: Workspace, options: FloatArray) -> bool:
 
 
 @compiled
-def store(work: Workspace, closures: Closures, row: int) -> None:
-    """Write pose and joints of the workspace."""
-    chains, count = closures.joints.shape[1:]
+def store(star: Star, work: Workspace, closures: Closures, row: int, status: int) -> None:
+    """Write pose and joints of the workspace, or NaN for a sample that is not closed."""
+    good = status == CLOSED
+    chains, count = star.revolute.shape
+    closures.status[row] = status
     for c in range(3):
-        closures.position[row, c] = work.platform[9 + c]
-        copy(work.platform[3 * c : 3 * c + 3], closures.rotation[row, c])
+        closures.position[row, c] = work.platform[9 + c] if good else math.nan
+        for k in range(3):
+            closures.rotation[row, c, k] = work.platform[3 * c + k] if good else math.nan
     for i in range(chains):
-        copy(work.joints[i * count : (i + 1) * count], closures.joints[row, i])
+        for k in range(count):
+            closures.joints[row, i, k] = work.joints[i * count + k] if good else math.nan
 
 
 @outermost
@@ -98,22 +127,22 @@ def close_samples(
     closures: Closures,
     rows: Rows,
 ) -> None:
-    """Close the samples whose status says that they may close, and say which do. See the engine's ``close``."""
+    """Close samples. See the engine's ``close``."""
     first, last = rows
     for row in range(first, last):
-        place_errors(star, work, samples, row, first)
-        if closures.status[row] != CLOSED:
-            continue
-        load_state(work, samples, row)
-        load_drives(star, work, drives[row])
-        code, closures.iterations[row] = close_one(star, work, options, max_iterations)
+        code, steps = NOT_FINITE, 0
+        sound = load_state(star, work, samples, row)
+        sound = load_drives(star, work, drives[row]) and sound
+        if place_errors(star, work, samples, row, first) and sound:
+            code, steps = close_one(star, work, options, max_iterations)
         if code == CLOSED and not small_gaps(star, work, options):
             code = GAP_TOO_LARGE
-        closures.status[row] = code
-        if code == CLOSED:
-            store(work, closures, row)
-            for i in range(star.revolute.shape[0]):
-                residual_of(work, i, closures.residual[row, i])
+        store(star, work, closures, row, code)
+        closures.iterations[row] = steps
+        for i in range(star.revolute.shape[0]):
+            residual_of(work, i, closures.residual[row, i])
+        if code != CLOSED:
+            closures.residual[row, :, :] = math.nan
 
 
 @outermost
@@ -123,12 +152,16 @@ def carry_samples(
     """Carry the end frame by one chain a sample (n,); of the start only the joints count."""
     first, last = rows
     for row in range(first, last):
-        load_joints(work, samples.joints[row])
+        load_joints(star, work, samples.joints[row])
         load_drives(star, work, drives[row])
-        place_errors(star, work, samples, row, first)
+        sound = place_errors(star, work, samples, row, first)
         r_a, _, origin = branch_end(star, work, chain[row])
         axes = product(r_a, transposed(nine(work.sites[chain[row], star.revolute.shape[1] + 1])))
         put(work.platform, 9, origin)
         for c in range(9):
             work.platform[c] = axes[c]
-        store(work, closures, row)
+        total = origin[0] + origin[1] + origin[2]
+        for k in range(work.joints.size):
+            total += work.joints[k]
+        store(star, work, closures, row, CLOSED if sound and math.isfinite(total) else NOT_FINITE)
+        closures.iterations[row] = 0

@@ -16,7 +16,17 @@ Matrices of six output rows are stored column by column, so that a loop over row
 import math
 from typing import NamedTuple
 
-from pouring_robot.batch.kernels.algebra import Rotation, Triple, cross, minus, plus, product, scaled, transposed
+from pouring_robot.batch.kernels.algebra import (
+    Rotation,
+    Triple,
+    combined,
+    cross,
+    minus,
+    plus,
+    product,
+    scaled,
+    transposed,
+)
 from pouring_robot.batch.kernels.closing import chain_columns, factorise, row_times, solve_platform
 from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.residuals import (
@@ -33,7 +43,7 @@ from pouring_robot.batch.kernels.residuals import (
 from pouring_robot.batch.kernels.samples import Rows, load_joints, load_state, place_errors
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.status import CLOSED, SINGULAR
+from pouring_robot.mechanism.closure.status import CLOSED, NOT_FINITE, SINGULAR
 
 # Loops open by less carry no wrench that counts (m or rad).
 _SECOND_ORDER_ABOVE = 1e-12
@@ -170,23 +180,40 @@ def transfer_one(star: Star, work: Workspace, columns: Columns, matrix: FloatArr
         write_site(work, columns, i * (joints + 1) + joints, transposed(turned_axes), arm, matrix)
 
 
+@compiled
+def write_branch_site(
+    columns: Columns, site: int, matrix: FloatArray, sign: float, axes: Rotation, arm: Triple
+) -> None:
+    """Write an open branch's columns of a site with axes (rows); ``arm`` goes from its origin to the platform's."""
+    x, y, z = (axes[0], axes[1], axes[2]), (axes[3], axes[4], axes[5]), (axes[6], axes[7], axes[8])
+    for at in range(columns.site_start[site], columns.site_start[site + 1]):
+        p = columns.order[at]
+        t = columns.twists[p]
+        shift = combined(scaled(t[0], x), t[1], y, t[2], z)
+        spin = combined(scaled(t[3], x), t[4], y, t[5], z)
+        put(matrix[p], 0, scaled(sign, plus(shift, cross(spin, arm))))
+        put(matrix[p], 3, scaled(sign, spin))
+
+
 @outermost
 def transfer_samples(
     star: Star, work: Workspace, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
-    """Write G (n, columns, 6) of the samples whose status says that they are closed; it may be singular there."""
+    """Write G (n, columns, 6) of closed samples; a sample not closed (NaN) gives NaN."""
     first, last = rows
     for row in range(first, last):
-        place_errors(star, work, samples, row, first)
-        if status[row] != CLOSED:
-            continue
-        load_state(work, samples, row)
-        _, residual = evaluate(star, work)
-        exact = residual >= _SECOND_ORDER_ABOVE
-        if factorise(star, work, exact, 0.0) and determined(work):
+        status[row] = NOT_FINITE
+        sound = load_state(star, work, samples, row)
+        if place_errors(star, work, samples, row, first) and sound:
+            _, residual = evaluate(star, work)
+            exact = residual >= _SECOND_ORDER_ABOVE
+            status[row] = SINGULAR
+            if factorise(star, work, exact, 0.0) and determined(work):
+                status[row] = CLOSED
+        if status[row] == CLOSED:
             transfer_one(star, work, columns, matrix[row], exact)
         else:
-            status[row] = SINGULAR
+            matrix[row, :, :] = math.nan
 
 
 @outermost
@@ -199,28 +226,21 @@ def branch_samples(
     """
     (first, last), (chains, count) = rows, star.revolute.shape
     for row in range(first, last):
-        place_errors(star, work, samples, row, first)
-        if status[row] != CLOSED:
+        sound = load_joints(star, work, samples.joints[row])
+        if not (place_errors(star, work, samples, row, first) and sound):
+            status[row] = NOT_FINITE
+            matrix[row, :, :] = math.nan
             continue
-        load_joints(work, samples.joints[row])
+        status[row] = CLOSED
         for i in range(chains):
             r_a, offset, end = branch_end(star, work, i)
-            face(work, 1.0)
             for k in range(count):
                 site = i * (count + 1) + k
-                write_site(work, columns, site, site_axes(work, i, k), arm_of(work, i, k, end), matrix[row])
+                write_branch_site(columns, site, matrix[row], 1.0, site_axes(work, i, k), arm_of(work, i, k, end))
+            seat = i * (count + 1) + count
+            write_branch_site(columns, seat, matrix[row], -1.0, transposed(r_a), scaled(-1.0, offset))
             for d in range(star.drives.shape[0]):
                 if star.drives[d, 0] == i and columns.drives[d] >= 0:
                     linear, angular = joint_twist(star, work, i, star.drives[d, 1], end)
                     put(matrix[row, columns.drives[d]], 0, linear)
                     put(matrix[row, columns.drives[d]], 3, angular)
-            face(work, -1.0)  # the seat is passed from its far side
-            write_site(work, columns, i * (count + 1) + count, transposed(r_a), scaled(-1.0, offset), matrix[row])
-
-
-@compiled
-def face(work: Workspace, sign: float) -> None:
-    """Make ``front`` plus or minus the unit matrix."""
-    work.front[:] = 0.0
-    for c in range(6):
-        work.front[7 * c] = sign
