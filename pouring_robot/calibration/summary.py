@@ -36,7 +36,7 @@ MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # elsewhere, and by the rows that are left out
+    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # in warnings of the template, and by the rows that are left out
     weighty = (flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told)
     limits = (flag for flag in calibration.flags if flag.code is FlagCode.UNREACHABLE_DRIVES)  # may leave out many
     failed, refused = calibration.fit.equations.failed.size, calibration.refused
