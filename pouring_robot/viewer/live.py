@@ -6,11 +6,12 @@ a second port for commands. This one is a thread of the program: it ends with th
 
 import asyncio
 import json
+import os
+import socket
 import threading
 from typing import Any, Protocol, Self
 
 import tornado.httpserver
-import tornado.netutil
 import tornado.web
 import tornado.websocket
 
@@ -54,11 +55,13 @@ class LiveView:
         try:
             if not 0 <= port <= 65535:
                 raise OSError("ports go from 0 to 65535")
-            self._sockets = tornado.netutil.bind_sockets(port, LOOPBACK)
+            self._socket = socket.create_server((LOOPBACK, port))
         except OSError as error:
-            reason, mend = error.strerror or error, "choose another port, or 0 for a free one"
+            reason = os.strerror(error.errno) if error.errno else error
+            mend = "choose another port, or 0 for a free one"
             raise BadInputError(f"cannot listen on {LOOPBACK} port {port}: {reason}; {mend}") from error
-        self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
+        self._socket.setblocking(False)
+        self.url = f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/"
         self._loop = asyncio.new_event_loop()
         self._closing = threading.Event()
         self._started = threading.Event()
@@ -69,8 +72,7 @@ class LiveView:
         self._thread.start()
         if not self._started.wait(_PATIENCE_S) or self._failure:
             self.close()
-            for one in self._sockets:
-                one.close()
+            self._socket.close()
             why = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
             raise BadInputError(f"cannot show the page at {self.url}: {why}; try again, or write it with --html")
 
@@ -110,7 +112,7 @@ class LiveView:
         # to point at this machine gets no answer.
         application.add_handlers(r"127\.0\.0\.1|localhost", [(r"/(?:static/)?", _Page), (r"/bench", _Words)])
         server = tornado.httpserver.HTTPServer(application)
-        server.add_sockets(self._sockets)
+        server.add_socket(self._socket)
         self._started.set()
         await self._stop.wait()
         server.stop()

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import urllib.request
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -328,7 +329,11 @@ def test_a_taken_port_is_one_line(tmp_path):
     assert "\n" not in str(caught.value)
     with pytest.raises(BadInputError, match="choose another port"):
         serve(small_scene(tmp_path), port=70000)
-    gc.collect()  # a socket left open would warn here
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        del caught  # which holds the frames that opened a socket
+        gc.collect()
+    assert not [one.message for one in seen if issubclass(one.category, ResourceWarning)]
 
 
 def test_a_server_that_does_not_start_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
