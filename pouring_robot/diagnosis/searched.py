@@ -115,12 +115,8 @@ class Searched:
         Fitted rows are asked by the fit of them alone: something unknown in the place that is held out says nothing of
         them. Held-out rows are asked by a fit of all, as what is far from all others cannot be foretold.
         """
-        given, fitted = self.diagnoser.rows.conditions, self.diagnoser.fitted
-        courses, gone, thresholds = (
-            (poses(given), given.time_s[:, None]),
-            self.asked.left_out.size,
-            self.diagnoser.thresholds,
-        )
+        given, fitted, gone = self.diagnoser.rows.conditions, self.diagnoser.fitted, self.asked.left_out.size
+        courses = poses(given), given.time_s[:, None]
         own, every = self.hypothesis, self.diagnoser.of_every_row(self.after, self.hypothesis)
         fits = (own, self.after.fitted_rows.row, fitted), (every, self.after.every_row.row, ~fitted)
         left = [Seen(fit.remainder, row, asked) for fit, row, asked in fits]
@@ -131,7 +127,7 @@ class Searched:
             more = gross_errors([[Seen(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
             problem = self.diagnoser.problem_at(self.after, of_every_row=True)
-            more = gross_error_of_few(problem, self.after.every_row.row, thresholds)
+            more = gross_error_of_few(problem, self.after.every_row.row, self.diagnoser.thresholds)
         return self.asked.inliers[more]
 
     @property
