@@ -138,7 +138,7 @@ def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch)
         return joint_terms(aligned, rows)
 
     monkeypatch.setattr(Aligned, "joint_terms", terms)
-    monkeypatch.setattr("pouring_robot.checks.gross_errors.TELLING_ROWS", 60)
+    monkeypatch.setattr("pouring_robot.checks.jumps.TELLING_ROWS", 60)
     place = np.array(arm.campaign.position_m)
     place[160:] += 0.005
     flags = check_campaign(measured(arm, arm.campaign.drives, place), arm.drawing)
