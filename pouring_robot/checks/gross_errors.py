@@ -14,7 +14,8 @@ import pinocchio as pin
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, flagged, where
+from pouring_robot.checks.jumps import JUMP_WINDOW, jumps
 from pouring_robot.checks.smooth_errors import (
     ROWS_PER_TERM,
     TELLING_ROWS,
@@ -30,7 +31,6 @@ from pouring_robot.checks.smooth_errors import (
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.noise import commands
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
@@ -44,11 +44,6 @@ _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
 _HIDING = 0.1  # share of wrong rows beyond which they set the deviation, of nine rows in ten, that they are judged by
 _TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
 _FEWEST = 12
-_JUMP_SIGMAS = 5.0
-"""A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
-_JUMP_WINDOW = 10  # rows on either side that a step needs
-_JUMP_PLACES = 400
-_LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 
 
 def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
@@ -75,7 +70,7 @@ def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     alone = _not_together(data, fit, apart, campaign.metadata.metres_per_rad)
     single = np.intersect1d(wrong, alone)
-    steps = list(_jumps(aligned, single))
+    steps = list(jumps(aligned, single))
     for row in (single if steps else wrong).tolist():
         yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
@@ -166,7 +161,7 @@ def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad
 
     There tracker or target were moved: once, or several times.
     """
-    fewest = max(_JUMP_WINDOW, len(data.poses) // 10)
+    fewest = max(JUMP_WINDOW, len(data.poses) // 10)
     if rows.size < fewest:
         return rows
     try:
@@ -186,81 +181,3 @@ def _sizes(fit: FrameFit, metres_per_rad: float) -> FloatArray:
     turn = 0.0 if fit.rotation_residual_rad is None else np.nan_to_num(fit.rotation_residual_rad)
     left = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
     return np.asarray(np.linalg.norm(left, axis=1))
-
-
-def _jumps(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
-    """Yield the largest lasting step of each session's residuals, if it is clear: tracker or target was moved there."""
-    campaign, (terms, pose) = aligned.campaign, aligned.smoothed(with_time=False)
-    pose[wrong] = np.nan
-    inliers = np.asarray(np.isfinite(pose).all(axis=1) & aligned.data.poses.complete)
-    for session, members in campaign.rows_by_session().items():
-        rows = members[inliers[members]]
-        command = commands(campaign.drives[rows])
-        # What is read again before the robot moved has the errors of that pose once more: it tells no more of a step.
-        rows = rows[np.append(True, (np.diff(command, axis=0) != 0).any(axis=1))[: rows.size]]
-        # With more terms than a quarter of the rows, they would explain any step.
-        kept = terms[:, : max(1, rows.size // 4)]
-        if rows.size >= 2 * _JUMP_WINDOW:
-            jump = _jump(campaign, session, rows, kept[rows], pose[rows], np.array(aligned.floors))
-            if jump is not None and _beside_joints(aligned, pose, rows, jump.rows[0]):
-                yield jump
-
-
-def _jump(
-    campaign: Campaign, session: str, rows: Indices, terms: FloatArray, pose: FloatArray, floors: FloatArray
-) -> DataFlag | None:
-    """Fit a step at every place beside the smooth terms, keep the one that explains most, and judge it robustly."""
-    places = np.unique(np.linspace(_JUMP_WINDOW, len(rows) - _JUMP_WINDOW, _JUMP_PLACES).astype(int))
-    steps = (np.arange(len(rows))[:, None] >= places).astype(float)
-    basis, _ = np.linalg.qr(terms)
-    free_steps = steps - basis @ (basis.T @ steps)
-    free_pose = (pose - basis @ (basis.T @ pose)) / floors
-    power = np.maximum((free_steps**2).sum(axis=0), 1e-9)
-    gain = ((free_steps.T @ free_pose) ** 2).sum(axis=1) / power
-    best = int(np.argmax(gain))
-    place = int(places[best])
-    design = np.column_stack([terms, np.arange(len(rows)) >= place])
-    fits = [robust_fit(design, pose[:, k], float(floors[k])) for k in range(pose.shape[1])]
-    step = np.array([coefficients[-1] for coefficients, _, _ in fits])
-    # What of the step is none of the smooth terms: in rows that were sorted by pose, pose may pass for most of it.
-    told = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
-    size = float(told * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
-    if size < _JUMP_SIGMAS:
-        return None
-    row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
-    large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
-    turn = f" and {angle / MRAD:.3g} mrad" if pose.shape[1] > 3 else ""
-    return flagged(
-        campaign,
-        FlagCode.MEASUREMENT_JUMP,
-        f"from about line {campaign.lines[row]} on all measurements are shifted by {distance / MM:.3g} mm{turn} "
-        f"(session {session})",
-        [row],
-        columns.POSITION,
-        {"step_mm": distance / MM, "step_mrad": angle / MRAD, "deviations": size},
-        severity=Severity.WARNING if large else Severity.NOTE,
-    )
-
-
-def _beside_joints(aligned: Aligned, pose: FloatArray, rows: Indices, first: int) -> bool:
-    """Return whether residuals of a session's rows (k,) step from one on beside what errors of all joints do, too.
-
-    Where an arm changes to another posture errors of its joints step with it. A campaign that is too short to tell
-    joints from a step has one.
-    """
-    before, behind = rows[rows < first], rows[rows >= first]
-    some = [side[evenly(side.size, TELLING_ROWS)] for side in (before, behind)]
-    used, floors = np.union1d(np.concatenate(some), evenly(len(pose), TELLING_ROWS)), aligned.floors
-    within = np.column_stack([np.isin(used, rows), np.isin(used, behind)]).astype(float)
-    steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
-    terms = aligned.joint_terms(used)
-    design = np.concatenate([terms, steps.reshape(used.size, len(floors), -1)], axis=2).reshape(pose[used].size, -1)
-    values = (pose[used] / floors).ravel()
-    known = np.isfinite(values) & np.isfinite(design).all(axis=1)
-    if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(design[known]):
-        return True
-    coefficients, _, scale = robust_fit(design, values, 1.0)
-    count, after = within.sum(axis=0)
-    variance = np.diag(np.linalg.pinv(design[known].T @ design[known], hermitian=True))[-len(floors) :]
-    told = 1.0 / np.sqrt(variance * after * (1.0 - after / count))
-    return bool((told * np.abs(coefficients[-len(floors) :]) > _JUMP_SIGMAS * scale).any())
