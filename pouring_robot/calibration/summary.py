@@ -25,7 +25,7 @@ from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.noise import FALSE_ALARMS
 from pouring_robot.exceptions import counted, some
 from pouring_robot.io.figures import without_nan
-from pouring_robot.io.units import MM
+from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.report.page import sentences
 from pouring_robot.robot.location_figures import Figures
@@ -240,4 +240,5 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     elif present.layout != RobotModel().layout:
         whose = f"--layout {present.layout} "
     ladle = _ladle(calibration)
-    return _said("next", c=calibration, groups=groups, deficient=deficient, whose=whose, ladle=ladle)
+    noise = {"sigma_mm": calibration.noise.length_m / MM, "sigma_mrad": calibration.noise.rotation_rad / MRAD}
+    return _said("next", c=calibration, **noise, groups=groups, deficient=deficient, whose=whose, ladle=ladle)
