@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
 _FEWEST_ROWS = 8
 _GROSS_ERROR_ROUNDS = 3
+_NO_ROWS: Indices = np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -197,10 +198,10 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def asked(self, wrong: Indices) -> Asked:
+    def asked(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Asked:
         """Return the campaign with some rows left out, and those for want of a value that nothing stands for."""
         kept = self.campaign.usable.copy()
-        for rows_out in (wrong, *rows_without(self.campaign).values()):
+        for rows_out in (flagged, unfitting, *rows_without(self.campaign).values()):
             kept[rows_out] = False
         inliers = np.flatnonzero(kept)
         if inliers.size < _FEWEST_ROWS:
@@ -216,7 +217,7 @@ class _Work:
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
         library = Library.of(rows, self.effects, self.options.made_within)
         diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
-        return Asked(np.asarray(wrong, dtype=np.intp), inliers, parts, tuple(notes), diagnoser)
+        return Asked(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
 
     def searched(self, asked: Asked, start: Hypothesis | None = None) -> Searched:
         """Search, from what was found with more rows."""
@@ -236,7 +237,8 @@ class _Work:
             self.say("leaving out rows that fit nothing", 0, 0)
             # What wrong rows have drawn to themselves is nothing to start from.
             start = tried.hypothesis if tried.calm else None
-            tried = self.searched(self.asked(np.union1d(tried.asked.left_out, more)), start)
+            asked = self.asked(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
+            tried = self.searched(asked, start)
             found = tried if tried.calm else found
         return found
 
@@ -347,7 +349,7 @@ def _noise_notes(noise: NoiseLevel) -> list[str]:
 def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
     """Return which rows are held out, None where they are too few for that, and what is to be noted."""
     try:
-        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
+        return split(campaign, _NO_ROWS, kind), []
     except CalibrationError as problem:
         if kind != "auto":
             raise

@@ -9,6 +9,8 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pouring_robot.checks.flags import FEW_ROWS
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
@@ -32,11 +34,17 @@ square. What is smaller than the noise is hardly what anybody is to find."""
 class Asked:
     """A campaign with some rows left out."""
 
-    left_out: Indices  # rows that are wrong, by index in the campaign
+    flagged: Indices  # rows that the checks say are wrong, by index in the campaign
+    unfitting: Indices  # rows left out because nothing that was found explains them, likewise
     inliers: Indices  # rows that are looked at, likewise
     parts: Split | None  # which of these are held out; None: none
     notes: tuple[str, ...]  # on that
     diagnoser: Diagnoser  # what searches them, under the noise that is known beforehand
+
+    @property
+    def left_out(self) -> Indices:
+        """Rows that are wrong, by index in the campaign."""
+        return np.union1d(self.flagged, self.unfitting)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +123,7 @@ class Searched:
         Fitted rows are asked by the fit of them alone: something unknown in the place that is held out says nothing of
         them. Held-out rows are asked by a fit of all, as what is far from all others cannot be foretold.
         """
-        given, fitted, gone = self.diagnoser.rows.conditions, self.diagnoser.fitted, self.asked.left_out.size
+        given, fitted, gone = self.diagnoser.rows.conditions, self.diagnoser.fitted, self.asked.unfitting.size
         courses = poses(given), given.time_s[:, None]
         own, every = self.hypothesis, self.diagnoser.of_every_row(self.after, self.hypothesis)
         fits = (own, self.after.fitted_rows.row, fitted), (every, self.after.every_row.row, ~fitted)

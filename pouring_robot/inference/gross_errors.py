@@ -60,7 +60,7 @@ def gross_errors(
 
     Args:
         seen: what nothing explains of n rows, and then their deletion residuals: of some of the rows each.
-        gone: how many rows are left out already.
+        gone: how many rows were found to be so already, and are not among these.
         courses: along which something unknown may come, such as pose and time, (n, k) each.
         share: of the rows, by what they stay below rows count.
     """
