@@ -82,7 +82,19 @@ def test_a_disc_off_its_centre_is_named_alone_with_its_size_and_angle(tmp_path, 
     found = diagnose(campaign, RobotModel.for_robot(ROBOT), DiagnosisOptions(next_count=0))
     (effect,) = found.effects
     assert (effect.cause.effect, effect.cause.form) == ("joint_periodic", f"q{joint + 1}_once")
-    for said, truth in zip(effect.parameters, (sine, cosine), strict=True):
+    for said, truth in zip(effect.parameters, (sine, cosine, 0.0, 0.0), strict=True):
         assert said.value == pytest.approx(truth, abs=3.0 * said.std)
     (told,) = found.in_words(effect)
     assert told.startswith(f"q{joint + 1}: 0.3")
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_disc_that_is_oval_as_well_is_named_alone(tmp_path, joint):
+    """Over less than a turn, what the second order adds to the first looked like a wrong gear beside it, 99 % sure."""
+    campaign = measured(
+        tmp_path,
+        joint,
+        lambda drives: 0.5 * MRAD * (np.sin(drives[:, joint] + 1.0) + 0.2 * np.sin(2.0 * drives[:, joint] - 1.0)),
+    )
+    found = diagnose(campaign, RobotModel.for_robot(ROBOT), DiagnosisOptions(next_count=0))
+    assert [(e.cause.effect, e.cause.form) for e in found.effects] == [("joint_periodic", f"q{joint + 1}_once")]

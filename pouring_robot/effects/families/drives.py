@@ -4,7 +4,7 @@ import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -229,8 +229,8 @@ class Periodic(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn, and overtones, on a screw perhaps larger towards one end of it.
 
-        Of a joint's turn an off-centre disc makes the first order alone, of one joint. What another campaign taught of
-        it counts only at angles it had.
+        Of a joint's turn a disc makes the first order alone, of one joint, where it is off its centre; oval as well, it
+        shapes that by the second. What another campaign taught of it counts only at angles it had.
         """
         columns = conditions.places(self.drives)
         values = conditions.drives[:, columns].T
@@ -252,7 +252,9 @@ class Periodic(Family):
             ]
         forms = [Form("turns", tuple(parameters), series=self.all_main)]
         if self.all_main:
-            forms += [Form(f"{d.symbol}_once", tuple(parameters[2 * k : 2 * k + 2])) for k, d in enumerate(self.drives)]
+            for k, drive in enumerate(self.drives):
+                first, oval = (parameters[2 * j :][:2] for j in (k, k + len(self.drives)))
+                forms.append(Form(f"{drive.symbol}_once", (*first, *(replace(one, main=False) for one in oval))))
         return tuple(forms)
 
 
