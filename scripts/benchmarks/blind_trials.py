@@ -3,7 +3,7 @@
     python -m scripts.benchmarks.blind_trials --cases 60 --seed 1 --json trials.json  # the repository's rig
     python -m scripts.benchmarks.blind_trials --cases 200 --kinds outside,confounded  # only some kinds of the same set
     python -m scripts.benchmarks.blind_trials --cases 300 --effects base_drift        # only cases with some effect
-    python -m scripts.benchmarks.blind_trials --folder ../campaigns                   # folders with truth.json
+    python -m scripts.benchmarks.blind_trials --folder ../campaigns                   # with truth.json, of any robots
     python -m scripts.benchmarks.blind_trials --folder D --told                       # … told how joints are made
     python -m scripts.benchmarks.blind_trials --records a.json b.json --plot p.png    # figures again, no diagnosis
 

@@ -16,6 +16,7 @@ from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
+from pouring_robot.robot.model import RobotModel
 from tests.rig import Campaign, write_case
 
 STRONG = 3.0
@@ -194,7 +195,8 @@ class Trial:
 def trials_of(folder: Path, name: str, *, exclude: bool = True, told: bool = False) -> list[Trial]:
     """Diagnose a written campaign; a strong single effect once more with that effect taken out of the library.
 
-    If ``told``, the diagnosis knows how well the machine's joints are made: the truth has to say it.
+    ``truth.json`` says what is hidden, and of another robot its ``robot_file``, from the campaign's folder. If
+    ``told``, the diagnosis knows how well the machine's joints are made: the truth has to say it.
     """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     made_within = truth["workmanship"]["centres_sd_mm"] if told else None
@@ -227,9 +229,10 @@ def trial_of(folder: Path, name: str, truth: dict[str, Any], options: DiagnosisO
     }
     started = time.perf_counter()
     try:
-        campaign = MeasuredCampaign.read(folder / "campaign.csv")
+        model = RobotModel.of(folder / truth["robot_file"] if "robot_file" in truth else None)
+        campaign = MeasuredCampaign.read(folder / "campaign.csv", model.definition)
         started = time.perf_counter()
-        found = diagnose(campaign, options=options)
+        found = diagnose(campaign, model, options)
     except PouringRobotError as problem:
         return Trial(**known, seconds=time.perf_counter() - started, refused=str(problem))
     except Exception:  # a crash is a result of the benchmark, and must not end it

@@ -1,10 +1,14 @@
-"""Write virtual campaigns: ``python -m tests.examples.campaigns ROBOT --seed S --effect E OUT``."""
+"""Write virtual campaigns: ``python -m tests.examples.campaigns ROBOT --seed S --effect E OUT``.
+
+Of all robots or effects, or several of each, every one has a folder of its own in OUT.
+"""
 
 from __future__ import annotations
 
 import argparse
 import csv
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,11 +17,12 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from tests.examples.effects import EFFECTS, LARGEST, REFERENCE_DEGC, Hidden, Scene, effects_of
+from tests.examples.effects import EFFECTS, LARGEST, REFERENCE_DEGC, Hidden, Scene, effects_of, id_of
 from tests.examples.five_bar import Array
 from tests.examples.machines import MACHINES, SCREW_PITCH, Machine
 
-NULL = "null"
+NULL, EVERY = "null", "all"
+ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"
 RATIOS = (2.0, 12.0)
 """How many times the noise an effect shows, once the free frames are taken out."""
 
@@ -134,12 +139,13 @@ def write(folder: Path, machine: Machine, seed: int, effect: str = NULL, ratio: 
     if effect != NULL:
         unit = EFFECTS[effect](machine, scene, random)
         hidden, told = sized(unit, ratio or drawn, LARGEST[effect], machine, scene, tracker)
-        effects.append({"effect": effect, **told})
+        effects.append({"effect": id_of(effect, machine), **told})
     position, rotation = tracker.see(machine, scene, hidden)
     position = position + random.normal(0.0, tracker.sigma[0], size=position.shape)
     rotation = Rotation.from_rotvec(random.normal(0.0, tracker.sigma[1], size=position.shape)) * rotation
-    truth = {"robot": machine.name, "kind": "single" if effects else NULL, "effects": effects, "seed": seed}
     folder.mkdir(parents=True, exist_ok=True)
+    robot = os.path.relpath(ROBOTS / machine.name / "robot.yaml", folder)
+    truth = {"robot_file": robot, "kind": "single" if effects else NULL, "effects": effects, "seed": seed}
     with (folder / "campaign.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(_table(machine, scene, position, rotation.as_rotvec()))
     settings = yaml.safe_dump(_settings(machine, tracker), sort_keys=False)
@@ -187,20 +193,30 @@ def _settings(machine: Machine, tracker: Tracker) -> dict[str, Any]:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Write the campaign that the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m tests.examples.campaigns", description="Write a virtual campaign.")
-    parser.add_argument("robot", choices=MACHINES)
+    """Write the campaigns that the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m tests.examples.campaigns", description="Write virtual campaigns.")
+    parser.add_argument("robot", choices=[*MACHINES, EVERY])
     parser.add_argument("--seed", type=int, default=0, help="all that is drawn follows from it (0)")
-    parser.add_argument("--effect", choices=[NULL, *EFFECTS], default=NULL, help="what to hide (null: nothing)")
+    parser.add_argument("--trials", type=int, default=1, help="campaigns of each, from this seed on (1)")
+    parser.add_argument("--effect", choices=[NULL, *EFFECTS, EVERY], default=NULL, help="what to hide (null: nothing)")
     parser.add_argument("--ratio", type=float, help="how many times the noise it shows (drawn)")
-    parser.add_argument("out", type=Path, help="folder for campaign.csv, campaign.yaml and truth.json")
+    parser.add_argument("out", type=Path, help="folder for campaign.csv, campaign.yaml and truth.json, or for theirs")
     options = parser.parse_args(argv)
-    machine = MACHINES[options.robot]
-    if options.effect not in (NULL, *effects_of(machine)):
-        parser.error(f"{machine.name} has no {options.effect}")
-    truth = write(options.out, machine, options.seed, options.effect, options.ratio)
-    shows = [f"{e['effect']} {e['ratio_to_noise']:.1f} times the noise" for e in truth["effects"]]
-    print(f"{options.out}: {', '.join(shows) or 'nothing hidden'}")
+    machines = MACHINES.values() if options.robot == EVERY else [MACHINES[options.robot]]
+    every = [
+        (machine, effect, options.seed + k)
+        for machine in machines
+        for effect in (NULL, *effects_of(machine))
+        for k in range(options.trials)
+        if options.effect in (effect, EVERY)
+    ]
+    if not every:
+        parser.error(f"{options.robot} has no {options.effect}")
+    for machine, effect, seed in every:
+        folder = options.out / f"{machine.name}_{effect}_{seed}" if len(every) > 1 else options.out
+        truth = write(folder, machine, seed, effect, options.ratio)
+        shows = [f"{e['effect']} {e['ratio_to_noise']:.1f} times the noise" for e in truth["effects"]]
+        print(f"{folder}: {', '.join(shows) or 'nothing hidden'}")
 
 
 if __name__ == "__main__":

@@ -182,6 +182,17 @@ EFFECTS: dict[str, Effect] = {
 }
 """What can be hidden, by name."""
 
+IDS = {
+    "zero_offset": "drive_zero_offset",
+    "scale": "drive_scale",
+    "lost_motion": "drive_backlash",
+    "placement": "joint_placement",
+    "thermal": "link_thermal_expansion",
+    "compliance": "drive_compliance",
+    "soft_joints": "joint_compliance",
+}
+"""What a diagnosis calls those that it calls otherwise."""
+
 LARGEST = {
     "zero_offset": 1e-2,
     "scale": 5e-3,
@@ -196,6 +207,12 @@ LARGEST = {
     "session_offset": 3e-3,
 }
 """Sizes beyond which no machine is let out of the workshop, in m, rad, as a share, or a K."""
+
+
+def id_of(effect: str, machine: Machine) -> str:
+    """Return what a diagnosis calls an effect."""
+    periodic = "joint_periodic" if machine.unit == "rad" else "drive_periodic"
+    return periodic if effect == "periodic" else IDS.get(effect, effect)
 
 
 def effects_of(machine: Machine) -> tuple[str, ...]:

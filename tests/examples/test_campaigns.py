@@ -17,8 +17,9 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.robot.model import RobotModel
+from tests.diagnosis.trial import trials_of
 from tests.examples.campaigns import main, write
-from tests.examples.effects import EFFECTS, LARGEST, effects_of
+from tests.examples.effects import EFFECTS, LARGEST, effects_of, id_of
 from tests.examples.machines import MACHINES
 from tests.examples.test_robots import robot_of
 from tests.support import relative_error
@@ -77,7 +78,7 @@ def test_a_null_campaign_is_frames_and_noise(name, tmp_path):
 def test_an_effect_shows_as_much_as_the_truth_says(name, effect, tmp_path):
     truth = write(tmp_path, MACHINES[name], seed=6, effect=effect)
     told = truth["effects"][0]
-    assert told["effect"] == effect and 0.0 < told["size"] <= LARGEST[effect]
+    assert told["effect"] == id_of(effect, MACHINES[name]) and 0.0 < told["size"] <= LARGEST[effect]
     left = left_by_frames(MACHINES[name], *read(tmp_path))
     expected = np.sqrt(1.0 + told["ratio_to_noise"] ** 2)
     assert np.sqrt(np.mean(left**2)) == pytest.approx(expected, rel=0.15)
@@ -126,10 +127,17 @@ def test_the_library_knows_what_weight_puts_on_the_drives(name, tmp_path):
 def test_the_command_writes_the_same_again(tmp_path, capsys):
     for folder in ("a", "b"):
         main(["hexapod", "--seed", "3", "--effect", "lost_motion", "--ratio", "4", str(tmp_path / folder)])
-    assert "lost_motion 4.0 times the noise" in capsys.readouterr().out
+    assert "drive_backlash 4.0 times the noise" in capsys.readouterr().out
     for file in ("campaign.csv", "campaign.yaml", "truth.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    assert json.loads((tmp_path / "a" / "truth.json").read_text())["effects"][0]["effect"] == "lost_motion"
+    assert json.loads((tmp_path / "a" / "truth.json").read_text())["effects"][0]["effect"] == "drive_backlash"
+
+
+def test_of_every_robot_a_campaign_is_written_that_a_trial_reads(tmp_path):
+    main(["all", "--effect", "zero_offset", "--ratio", "2.5", str(tmp_path)])
+    assert {folder.name for folder in tmp_path.iterdir()} == {f"{name}_zero_offset_0" for name in MACHINES}
+    (trial,) = trials_of(tmp_path / "five_bar_zero_offset_0", "five_bar")
+    assert trial.exact and not trial.refused
 
 
 def test_what_lies_flat_does_not_yield(tmp_path):
