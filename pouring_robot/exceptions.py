@@ -292,6 +292,22 @@ class CompensationError(NoSolutionError):
         )
 
 
+class UnsettledCommandsError(NoSolutionError):
+    """What effects do changes with the commands that are to cancel it, and these do not come to rest.
+
+    Attributes:
+        pose: number of the pose, from 1.
+        moved: by how much a command still moves, in m or rad.
+    """
+
+    def __init__(self, pose: int, moved: float) -> None:
+        self.pose, self.moved = pose, moved
+        super().__init__(
+            f"pose {pose}: what the model's effects do changes with the commands that cancel it, and these still move by "
+            f"{moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>) if these change, or smaller effects"
+        )
+
+
 class SweepWorkerError(BadInputError):
     """The cluster of a sweep cannot be reached, or its workers fail."""
 

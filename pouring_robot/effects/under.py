@@ -35,11 +35,11 @@ from pouring_robot.effects.stack import learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
-    CompensationError,
     DescriptionError,
     MissingConditionsError,
     NoSolutionError,
     TooLargeError,
+    UnsettledCommandsError,
     closest,
     counted,
 )
@@ -316,21 +316,31 @@ def compensate_under(
     The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move;
     ``bring`` compensates a robot that stands still, for the pose of a number.
 
-    Raises CompensationError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
+    Raises UnsettledCommandsError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
     expect(under, RobotUnderConditions, "what is commanded is a RobotUnderConditions")
     commands = _drives(under.robot, wanted)
-    found, moving = dict[int, Found](), np.arange(len(commands))
+    first, tried, answers = list[Found](), list[FloatArray](), list[FloatArray]()
     for _ in range(_MOST_TURNS):
-        robots, before = under.robots(commands), commands.copy()
-        for k in moving.tolist():
-            brought: Found = bring(k, robots[k])
+        found: list[Found] = [bring(k, robot) for k, robot in enumerate(under.robots(commands))]
+        first, tried = first or found, [*tried, commands]
+        answers.append(np.array([list(one.drives.values()) for one in found]).reshape(commands.shape))
+        moved = np.abs(answers[-1] - commands).max(axis=1)
+        show("compensating", int(np.count_nonzero(moved <= _SETTLED)), len(commands))
+        if (moved <= _SETTLED).all() or not under.robot.model.conditional:
             # How far off it is without is said of the command that was wanted: the first turn's.
-            found[k] = replace(brought, before=found[k].before) if k in found else brought
-            commands[k] = list(brought.drives.values())
-        moving = np.flatnonzero(np.abs(commands - before).max(axis=1) > _SETTLED)
-        show("compensating", len(commands) - moving.size, len(commands))
-        if not moving.size or not under.robot.model.conditional:
-            return list(found.values())
-    first = int(moving[0])
-    raise CompensationError(f"pose {first + 1}", found[first].left.distance_m, found[first].left.angle_rad)
+            return [replace(one, before=begun.before) for one, begun in zip(found, first, strict=True)]
+        commands = np.where((moved > _SETTLED)[:, None], _mixed(np.array(tried), np.array(answers)), commands)
+    raise UnsettledCommandsError(int(moved.argmax()) + 1, float(moved.max()))
+
+
+def _mixed(tried: FloatArray, answers: FloatArray) -> FloatArray:
+    """Return commands that answer themselves, (n, D), as far as those tried and their answers, (m, n, D), foretell.
+
+    Anderson's mixing (Walker & Ni, Anderson acceleration for fixed-point iterations, 2011): a secant method for each
+    command, which finds them also where soft parts take answers further away, turn by turn.
+    """
+    last = tried.shape[2] + 1
+    missed, answers = np.moveaxis((answers - tried)[-last:], 0, 2), np.moveaxis(answers[-last:], 0, 2)
+    steps = np.linalg.pinv(np.diff(missed), rcond=_SAME) @ missed[:, :, -1:]
+    return np.asarray(answers[:, :, -1] - (np.diff(answers) @ steps)[:, :, 0])

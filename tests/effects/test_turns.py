@@ -15,6 +15,7 @@ JOINT, *_ = ARM.definition.drives
 TURN = 2.0 * np.pi
 SHORTEST = TURN / 30  # thirty orders are looked for
 SINE = 1e-3
+GAP = np.radians(30.0)
 
 
 def apart(angles, others):
@@ -49,14 +50,30 @@ def test_arcs_hold_every_angle_and_nothing_far_from_one(rng, count):
     after = (angles[:, None] - np.array(arcs)[:, 0] + 1e-9) % TURN
     assert (after <= np.ptp(arcs, axis=1) + 2e-9).any(axis=1).all()
     points = np.concatenate([np.linspace(first, last, 1000) for first, last in arcs])
-    assert apart(points, angles).max() <= np.radians(0.5) + 1e-12
+    assert apart(points, angles).max() <= GAP / 2.0 + 1e-12
     between = np.sort(angles % TURN)
-    gaps = np.diff(between, append=between[0] + TURN) > np.radians(1.0)
+    gaps = np.diff(between, append=between[0] + TURN) > GAP
     assert len(arcs) == max(gaps.sum(), 1)
 
 
 def test_a_whole_turn_is_one_arc():
     assert arcs_of(np.radians(np.arange(0.0, 360.0, 0.9))) == [(0.0, TURN)]
+
+
+def test_within_a_gap_of_an_arc_a_random_walk_is_foretold_but_for_a_quarter_of_its_variance():
+    """By the joint normal density of a closed walk's values at both ends and in the middle, its orders summed."""
+    orders = np.arange(1.0, 20000.0)
+    ways = np.array([[0.0, GAP, GAP / 2.0], [GAP, 0.0, GAP / 2.0], [GAP / 2.0, GAP / 2.0, 0.0]])
+    shared = (np.cos(ways[..., None] * orders) / orders**2).sum(axis=-1)
+    left = shared[2, 2] - shared[2, :2] @ np.linalg.solve(shared[:2, :2], shared[:2, 2])
+    assert 0.2 < left / shared[2, 2] < 0.25
+
+
+def test_a_wave_taught_at_angles_at_random_is_whole_between_them(rng):
+    angles = rng.uniform(-2.9, 2.9, 200)
+    offsets, notes = seen_by(taught({JOINT.joint: arcs_of(rng.uniform(-3.0, 3.0, 150))}), angles)
+    np.testing.assert_allclose(offsets, SINE * np.sin(angles), rtol=0.0, atol=1e-12)
+    assert notes == ()
 
 
 def test_a_wave_is_whole_where_it_was_seen_and_fades_over_a_quarter_of_the_shortest(rng):
