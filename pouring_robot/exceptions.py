@@ -303,8 +303,8 @@ class UnsettledCommandsError(NoSolutionError):
     def __init__(self, pose: int, moved: float) -> None:
         self.pose, self.moved = pose, moved
         super().__init__(
-            f"pose {pose}: what the model's effects do changes with the commands that cancel it, and these still move by "
-            f"{moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>) if these change, or smaller effects"
+            f"pose {pose}: what the model's effects do changes with the commands that cancel it, and these still move "
+            f"by {moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>), or look at the effects' size"
         )
 
 

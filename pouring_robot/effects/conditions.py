@@ -26,10 +26,10 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
 _STILL = 1e-6
-_TURN, _ARC_GAP = 2.0 * np.pi, np.radians(30.0)
-"""Angles that are no further apart are in one arc. Coefficients that fall with the order are those of a random walk around
-the turn; between two angles where it is known it strays from what they foretell by 0.48 times the way between them (rad)
-of its variance at most, the Brownian bridge's: here by a quarter."""
+_TURN, _ARC_GAP = 2.0 * np.pi, np.radians(15.0)
+"""Angles that are no further apart are in one arc. Coefficients that fall with the order are those of a random walk
+around a turn. Between two angles it strays from what they foretell by 0.48 times the way between them, in rad, of its
+variance at most, as a Brownian bridge does: here by an eighth."""
 
 
 @functools.lru_cache(maxsize=16)
@@ -176,8 +176,8 @@ class Conditions:
     def learned_share(self, drive: Drive, shortest_rad: float) -> FloatArray:
         """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
 
-        Beyond the arcs of a turn that they lie in it fades out over a quarter of the shortest wave: where samples lie no
-        further apart than half of it, they tell it (Shannon 1949).
+        Beyond the arcs of a turn that these lie in they fade out over a quarter of the shortest: samples tell a wave if
+        they lie no further apart than half of it (Shannon 1949).
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:

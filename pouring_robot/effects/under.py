@@ -59,7 +59,7 @@ from pouring_robot.robot.robot import NUMBERS, Command, Robot
 Given = Mapping[str, ArrayLike | str | Sequence[str]]
 """Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""
 Found = TypeVar("Found", Compensation, DriveCompensation)
-_SETTLED, _MOST_TURNS = 1e-11, 40
+_SETTLED, _MOST_TURNS = 1e-11, 25
 _SAME = 1e-6  # of its range: by how much a condition may lie beyond it
 
 
@@ -320,10 +320,12 @@ def compensate_under(
     """
     expect(under, RobotUnderConditions, "what is commanded is a RobotUnderConditions")
     commands = _drives(under.robot, wanted)
-    first, tried, answers = list[Found](), list[FloatArray](), list[FloatArray]()
+    first: list[Found] = []
+    tried, answers = list[FloatArray](), list[FloatArray]()
     for _ in range(_MOST_TURNS):
         found: list[Found] = [bring(k, robot) for k, robot in enumerate(under.robots(commands))]
-        first, tried = first or found, [*tried, commands]
+        first = first or found
+        tried.append(commands)
         answers.append(np.array([list(one.drives.values()) for one in found]).reshape(commands.shape))
         moved = np.abs(answers[-1] - commands).max(axis=1)
         show("compensating", int(np.count_nonzero(moved <= _SETTLED)), len(commands))

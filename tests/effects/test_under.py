@@ -23,7 +23,13 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told
 from pouring_robot.estimation.changes import RowChanges
-from pouring_robot.exceptions import BadInputError, DescriptionError, MissingConditionsError, NoSolutionError
+from pouring_robot.exceptions import (
+    BadInputError,
+    DescriptionError,
+    MissingConditionsError,
+    NoSolutionError,
+    UnsettledCommandsError,
+)
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -367,6 +373,57 @@ def test_compensation_closes_the_error_by_another_way_of_closing(bench, rng):
     expected = np.array([robot.locate(pose).difference(end).distance_m for robot, pose in located])
     np.testing.assert_allclose(before, expected, atol=1e-9)
     assert np.median(before) > 10.0 * SIGMA_M  # there was something to close
+
+
+SOFT = """
+format: pouring_robot/model/1
+effects:
+- effect: leg_compliance
+  form: nut
+  learned: then
+  parameters: {stretch: {value: 2.0, unit: mm at 5 kN}}
+- effect: tilt_drive_compliance
+  form: spring
+  learned: then
+  parameters: {yield: {value: 5.0, unit: mrad at 2 kNm}}
+learned:
+  then:
+    sessions: {"1": 10}
+    mean_span_m: [0.6, 0.6, 0.7, 0.1]
+    mean_force: [1800.0, 2400.0, 1600.0, 470.0]
+    reference_temperature_degC: 20
+    ladle_tare_kg: 180.0
+    ladle_centre_of_mass_m: [0.05, 0.0, -0.28]
+"""
+
+
+def test_commands_that_soft_parts_answer_settle(tmp_path):
+    """Turn by turn the answers become hardly better; the pose is far from singular."""
+    (tmp_path / "soft.yaml").write_text(SOFT)
+    under = RobotUnderConditions(robot_of(RobotModel.load(tmp_path / "soft.yaml")), {"payload_kg": 500.0})
+    pose, turns = PlatformPose.from_mm_deg(-150, -50, -800, -25), []
+
+    def bring(_, robot):
+        turns.append(robot)
+        return compensate(HeatedRobot(robot), pose)
+
+    (found,) = compensate_under(under, [pose], bring)
+    (loaded,) = under.robots([list(found.drives.values())])
+    place = loaded.forward(found.drives, near=pose).pose_base_to_end
+    np.testing.assert_allclose(place.translation, pose.position_m, rtol=0.0, atol=1e-9)
+    assert found.before.distance_m > 1e-3
+    assert len(turns) <= 12
+
+
+def test_commands_that_never_settle_are_refused_with_what_moves_them(rng):
+    under, pose = RobotUnderConditions(LEARNED, {"payload_kg": 400.0}), PlatformPose((-0.1, 0.02, -0.6), 0.3)
+
+    def restless(_, robot):
+        found = compensate(HeatedRobot(robot), pose)
+        return dataclasses.replace(found, drives={k: v + 1e-4 * rng.normal() for k, v in found.drives.items()})
+
+    with pytest.raises(UnsettledCommandsError, match="pose 1: what the model's effects do changes with the commands"):
+        compensate_under(under, [pose], restless)
 
 
 def test_compensation_of_any_robot(tmp_path):
