@@ -41,11 +41,10 @@ def _pose(found: PoseHeat) -> list[Block]:
     for frame, difference in found.moved.items():
         shift, turn = ([f"{v:+z.3f}" for v in part] for part in difference.to_mm_mrad())
         moves.append((frame, *shift, f"{difference.distance_m / MM:.3f}", *turn))
-    balance, bending = found.field.balance, found.bending
+    balance = found.field.balance
     gains = balance.melt_radiation_W + balance.melt_conduction_W
     losses = balance.ambient_film_W + balance.ambient_radiation_W
     matters = "MATTERS" if found.bending_matters else "does not matter"
-    at_lip = abs(bending.tilt_error_rad) * found.lever_m / MM
     return [
         Paragraph("temperatures: degC; across: K from side to side, settled; growth: mm, of a platform half its width"),
         Table(("part", "mean", "hottest", "across", "grows by"), rows),
@@ -57,9 +56,9 @@ def _pose(found: PoseHeat) -> list[Block]:
             f"({balance.ambient_film_W / 1e3:.2f} by air), {balance.stored_W / 1e3:z.2f} kW stored"
         ),
         Paragraph(
-            f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would "
-            f"tilt the ladle by {bending.tilt_error_rad / MRAD:+z.2f} mrad, {at_lip:.2f} mm at the lip: {matters} "
-            f"against a tenth of the required {found.accuracy_m / MM:g} mm"
+            f"bending: legs bow up to {float(found.bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 "
+            f"would tilt the ladle by {found.bending_tilt_rad / MRAD:+z.2f} mrad and move the lip by "
+            f"{found.bending_lip_m / MM:.2f} mm: {matters} against a tenth of the required {found.accuracy_m / MM:g} mm"
         ),
     ]
 

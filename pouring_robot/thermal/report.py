@@ -14,7 +14,9 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference, bodies_at
+from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
@@ -63,7 +65,7 @@ class PoseHeat(Result):
     parts: dict[str, dict[str, float | None]]  # as :func:`part_figures` has them
     moved: dict[str, PoseDifference]  # by how much heat alone moves each reported frame; the last is the lip
     bending: LegBending  # of the legs
-    lever_m: float  # distance of the lip from the tilt axis, by which bending's tilt error counts
+    bent: FloatArray  # by how much bending would move the lip, by G, shape (6,): x, y, z (m), rotation vector (rad)
     accuracy_m: float  # required of the robot
 
     @classmethod
@@ -75,10 +77,12 @@ class PoseHeat(Result):
             raise ValueError("a cold robot has no temperatures")
         loops = location.loops
         moved = {frame: location.difference(frame) for frame in loops.reported_frames}
-        lip = location.nominal.pose(loops.end_frame or "", loops.working_frame)
-        lever = float(np.hypot(lip.translation[0], lip.translation[2]))
+        bending, solver = LegBending.of(field), state.robot.actual_solver
+        *_, tilt_drive = drive_parameters(solver.mechanism)
+        lip_by_drive = closed_chain_transfer(solver, state.result, [tilt_drive], loops.working_frame).matrix[:, 0]
         parts = part_figures(robot, field, state.robot.expansion)
-        return cls(pose, field, parts, moved, LegBending.of(field), lever, robot.accuracy_m)
+        bent = lip_by_drive * bending.tilt_drive_offset_rad
+        return cls(pose, field, parts, moved, bending, bent, robot.accuracy_m)
 
     @property
     def headline(self) -> str:
@@ -89,9 +93,19 @@ class PoseHeat(Result):
         return f"legs at {legs} degC; {moved}"
 
     @property
+    def bending_tilt_rad(self) -> float:
+        """By how much bending of leg 4 would turn the ladle about y."""
+        return float(self.bent[4])
+
+    @property
+    def bending_lip_m(self) -> float:
+        """How far bending of leg 4 would move the lip."""
+        return float(np.linalg.norm(self.bent[:3]))
+
+    @property
     def bending_matters(self) -> bool:
-        """Whether bending of leg 4 moves the lip by more than a tenth of the required accuracy."""
-        return abs(self.bending.tilt_error_rad) * self.lever_m > 0.1 * self.accuracy_m
+        """Whether bending of leg 4 would move the lip by more than a tenth of the required accuracy."""
+        return self.bending_lip_m > 0.1 * self.accuracy_m
 
     def _table(self) -> Any:
         """One row a part."""
@@ -130,7 +144,8 @@ class PoseHeat(Result):
             },
             "bending": {
                 "bow_mm": (self.bending.bow_m / MM).tolist(),
-                "tilt_error_mrad": self.bending.tilt_error_rad / MRAD,
+                "tilt_error_mrad": self.bending_tilt_rad / MRAD,
+                "lip_mm": self.bending_lip_m / MM,
                 "matters": self.bending_matters,
             },
         }

@@ -1,5 +1,6 @@
 """Expansion as local parameters, the pose that follows, and the bending of legs."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +10,15 @@ from scipy.integrate import solve_bvp
 
 from pouring_robot.exceptions import BadInputError, TemperatureError
 from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
-from pouring_robot.thermal.expansion.warm_pouring_robot import WarmRobot
+from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.temperature_field import TemperatureField, gradient_across_tube
+from pouring_robot.thermal.report import PoseHeat
 from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
@@ -192,7 +195,32 @@ def test_even_gradient_bends_a_leg_into_a_circle():
     assert bending.bow_m == pytest.approx(curvature * length**2 / 8)
     # Hot in front: the bow goes to the front, so the lower end points back, which is a positive turn about y.
     assert bending.end_rotation_rad == pytest.approx(np.tile([0.0, curvature * length / 2, 0.0], (4, 1)))
-    assert bending.tilt_error_rad == pytest.approx(curvature * length / 2)
+    assert bending.tilt_drive_offset_rad == pytest.approx(curvature * length / 2)
+
+
+@pytest.mark.parametrize(
+    ("place", "tilt_mrad", "lip_mm"),
+    [((-100, 20, -600, 17), -0.34, 0.23), ((-150, 50, -450, 60), -1.49, 0.40), ((-50, 50, -800, 45), -1.43, 0.34)],
+)
+def test_a_bent_leg_4_moves_the_ladle_as_the_closed_chain_lets_it(drawing, place, tilt_mrad, lip_mm):
+    """Not as an arm that is turned by as much. The warm robot is closed with the tilt drive as far off, either way."""
+    pose = PlatformPose.from_mm_deg(*place)
+    heated_robot = HeatedRobot(drawing, HeatSection())
+    found, expansion = PoseHeat.of(heated_robot, pose), heated_robot.locate(pose).robot.expansion
+    told = found.figures()["bending"]
+    # By a closure of another hand: 0.505, 0.889 and 0.711 mrad, 0.336, 0.242 and 0.168 mm per mrad of the drive.
+    assert told["tilt_error_mrad"] == pytest.approx(tilt_mrad, abs=0.006)
+    assert told["lip_mm"] == pytest.approx(lip_mm, abs=0.006)
+    assert told["matters"] is False
+    offset = found.bending.tilt_drive_offset_rad
+    off = {"leg4_s5": DriveOffset(offset_mrad=1e3 * offset)}, {"leg4_s5": DriveOffset(offset_mrad=-1e3 * offset)}
+    models = (drawing.model.model_copy(update={"drive_offsets": one}) for one in off)
+    one, other = (WarmRobot(drawing.built_as(model), expansion, pose).solve() for model in models)
+    lips = [closed.pose("fixed_platform", "ladle_lip") for closed in (one, other)]
+    moved = PoseDifference.between(lips[1], lips[0])
+    assert found.bending_tilt_rad == pytest.approx(moved.rotation_rad[1] / 2.0, rel=1e-5)
+    assert found.bending_lip_m == pytest.approx(moved.distance_m / 2.0, rel=1e-4)
+    assert replace(found, accuracy_m=9.9 * found.bending_lip_m).bending_matters
 
 
 def test_legs_bend_outwards_over_the_melt(network):

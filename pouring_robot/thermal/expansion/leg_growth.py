@@ -94,7 +94,8 @@ class LegBending:
     The temperature difference ΔT over the diameter D gives the curvature κ = α ΔT / D, the hot side outside. Between
     its two U joints the leg bows; the joints follow freely, so the ladle notices three things only: the leg's chord is
     shorter by ∫∫ κ² (second order, below a micrometre), the lower end is turned against the chord, and of these turns
-    the one about y at leg 4 counts in full, because the tilt drive θ46 sits between that end and the platform.
+    the one about y at leg 4 counts, because the tilt drive θ46 sits between that end and the platform. How far the
+    platform tilts by it the other legs say: by G of that drive.
     """
 
     bow_m: FloatArray  # largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,)
@@ -113,6 +114,6 @@ class LegBending:
         return cls(bow, np.cross(field.leg_directions, lever / lengths[:, None]))
 
     @property
-    def tilt_error_rad(self) -> float:
+    def tilt_drive_offset_rad(self) -> float:
         """Turn of leg 4's lower end about y: acts as an offset of the tilt drive θ46."""
         return float(self.end_rotation_rad[3, 1])
