@@ -49,7 +49,7 @@ class HeatSection(StrictModel):
     # until nothing changes any more (steady)
     after_min: Minutes | None = None
     # measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``); it takes the place of
-    # the computed one
+    # the computed one, but not over a shift, as it is of one moment
     measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
     # values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)

@@ -171,11 +171,10 @@ class ShiftHeat(Result):
         history: HeatHistory,
         schedule: PoseSchedule,
         times_s: FloatArray,
-        measured_degC: dict[str, float] | None = None,
     ) -> Self:
         """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
 
-        ``measured_degC``: measured temperatures that replace computed ones, by part. Times and poses outside the
+        Measured temperatures are of one moment, so those of a heat section take no part. Times and poses outside the
         history raise HistoryError.
         """
         found = simulate(network, history, schedule, times_s=times_s)
@@ -185,7 +184,7 @@ class ShiftHeat(Result):
         frames = (loops.end_frame or "", loops.working_frame)
         moved, bodies = {frame: list[PoseDifference]() for frame in frames}, []
         for pose, field in zip(held, found, strict=True):
-            warm = WarmRobot(robot, ThermalExpansion.from_field(field, measured_degC), pose).solve()
+            warm = WarmRobot(robot, ThermalExpansion.from_field(field), pose).solve()
             cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
             for frame in frames:
                 nominal, actual = (result.pose(loops.base_frame, frame) for result in (cold, warm))

@@ -539,6 +539,22 @@ def test_figures_too_small_to_show_have_no_sign(run):
     assert "0.00 kW stored" in " ".join(run("thermal", *AT)[1].split())
 
 
+def test_what_was_measured_at_one_moment_takes_no_part_in_a_shift(run, tmp_path):
+    (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1650\n30,1650\n", encoding="utf-8")
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    told, bare = (
+        json.loads(run("thermal", "--history", "h.csv", *AT, *model, "--json")[1])
+        for model in (["--model", "hot.yaml"], [])
+    )
+    assert told["rows"][0]["ladle_lip_moved_mm"] < 1e-9  # as cold as the drawing
+    assert told["rows"] == bare["rows"] and "measured_degC" not in told
+    note = "measured temperatures of the model file are of one moment and take no part in a shift: leg1 210.5 degC"
+    assert (told["notes"], bare["notes"]) == ([note], [])
+    assert note in " ".join(run("thermal", "--history", "h.csv", *AT, "--model", "hot.yaml")[1].split())
+    held = json.loads(run("thermal", *AT, "--model", "hot.yaml", "--json")[1])
+    assert held["measured_degC"] == {"leg1": 210.5} and "take the place of computed ones" in held["notes"][0]
+
+
 def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):
     (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n60,1700\n", encoding="utf-8")
     drawn = []

@@ -12,7 +12,6 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 if TYPE_CHECKING:
-    from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.thermal.expansion.displacement import MovedParts
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
@@ -108,7 +107,8 @@ def thermal(
     """Say how warm legs and platforms get under the melt, and how that alone moves the ladle.
 
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
-    of a model file take no part; its heat section does.
+    of a model file take no part; its heat section does. What it says was measured is of one moment, and takes
+    no part in a shift.
     """
     from pouring_robot.cli.shared.tables import print_blocks
     from pouring_robot.report.page import Paragraph, Table
@@ -127,7 +127,7 @@ def thermal(
     found: PoseHeat | ShiftHeat
     drawn: PoseHeat | ShiftHeat
     if history is not None:
-        found, drawn = _shift(heated, heat, history, pose, every_min, picture=bool(png or html or report))
+        found, drawn = _shift(heated, history, pose, every_min, picture=bool(png or html or report))
         title = f"{history.name}: {kind}, layout {ladle.model.layout}"
     else:
         found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
@@ -142,10 +142,14 @@ def thermal(
             field = moved.parts(heated, pose)
         told += [Paragraph(f"moved under {moved.words}: mm"), Table(MOVED_HEAD, field.rows())]
         told.append(Paragraph(field.truss_line))
+    measured, notes = heat.measured_degC if history is None else {}, list[str]()
     if heat.measured_degC:
         values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-        words = f"measured temperatures of the model file take the place of computed ones in growth: {values}"
-        told.append(Paragraph(words))
+        count = "take the place of computed ones in growth"
+        if history is not None:
+            count = "are of one moment and take no part in a shift"
+        notes.append(f"measured temperatures of the model file {count}: {values}")
+    told += [Paragraph(note) for note in notes]
     files: dict[Path, bytes | str] = {}
     if png:
         from pouring_robot.report.plots import png_of
@@ -167,11 +171,11 @@ def thermal(
     written = [found.save(csv, overwrite=options.OVERWRITE.get())] if csv else []
     written += options.write_all(files)
     if as_json:
-        measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
+        figures: dict[str, Any] = found.figures() | ({"measured_degC": measured} if measured else {})
         if field is not None:
-            measured |= {"displacement": {"under": moved.under, **field.figures()}}
-        names = {"layout": ladle.model.layout, "radiation": not conduction_only}
-        return options.print_figures(found.figures() | measured | names, written)
+            figures |= {"displacement": {"under": moved.under, **field.figures()}}
+        names = {"layout": ladle.model.layout, "radiation": not conduction_only, "notes": notes}
+        return options.print_figures(figures | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
     print_blocks(told)
@@ -207,7 +211,6 @@ def _check(
 
 def _shift(
     heated: HeatedRobot,
-    heat: HeatSection,
     file: Path,
     pose: PlatformPose | None,
     every_min: float | None,
@@ -236,5 +239,5 @@ def _shift(
             )
         times = np.append(np.arange(past.start_s, past.end_s - 1e-6, 60.0 * every_min), past.end_s)
     shown = np.union1d(times, np.linspace(past.start_s, past.end_s, _DRAWN)) if picture else times
-    drawn = ShiftHeat.of(heated.robot, heated.network, past, schedule, shown, heat.measured_degC)
+    drawn = ShiftHeat.of(heated.robot, heated.network, past, schedule, shown)
     return drawn.only(times), drawn
