@@ -52,15 +52,23 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
     return loaded
 
 
-def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessProperties | None = None) -> float:
-    """Return how far the trolley's two girders sag in their middle, as beams on the two rails, in m."""
+def truss_sag_m(
+    robot: PouringRobot, payload_kg: float, properties: StiffnessProperties | None = None
+) -> tuple[float, float]:
+    """Return how far the trolley's two girders sag in their middle, as beams on two rigid rails, in m.
+
+    The first is under what they carry there: trolley, robot and payload. The second is under their own weight, which
+    counts five eighths of one in the middle: :math:`5 W L^3 / (384 E I)` (Roark, table 8.1).
+    """
     model = robot.nominal_solver.mechanism.shared_model
     data = model.createData()
     pin.computeSubtreeMasses(model, data)
     trolley = robot.nominal_solver.mechanism.joint_id(robot.nominal_solver.mechanism.loops.locked_joints[-1])
     truss = robot.layout.truss
     width, height, wall = (s.metres for s in (truss.girder_width, truss.girder_height, truss.girder_wall))
-    inertia = (width * height**3 - (width - 2.0 * wall) * (height - 2.0 * wall) ** 3) / 12.0
+    inside, clear = width - 2.0 * wall, height - 2.0 * wall
+    inertia = (width * height**3 - inside * clear**3) / 12.0
+    own_kg = robot.layout.materials.steel_density.value * (width * height - inside * clear) * truss.gauge.metres
     modulus = (properties or load_stiffness()).steel.youngs_modulus.value
-    force = GRAVITY_M_S2 * (float(data.mass[trolley]) + payload_kg)
-    return force * beam(modulus, 2.0 * inertia, truss.gauge.metres)
+    softness = GRAVITY_M_S2 * beam(modulus, inertia, truss.gauge.metres)  # of one girder, in m/kg
+    return 0.5 * softness * (float(data.mass[trolley]) + payload_kg), 0.625 * softness * own_kg

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from pouring_robot.cli.app import main
 from pouring_robot.robot.description.urdf import description_folder
@@ -75,17 +76,35 @@ def test_weight_alone_and_both(drawing, state):
 
 
 def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
-    sag = truss_sag_m(drawing, 500.0)
+    carried, own = truss_sag_m(drawing, 500.0)
     # Two box girders of 110 × 150 × 8 mm over 3 m, a force in the middle.
     inertia = (0.110 * 0.150**3 - 0.094 * 0.134**3) / 12.0
-    force = sag * 48.0 * 2.06e11 * 2.0 * inertia / 3.0**3
+    force = carried * 48.0 * 2.06e11 * 2.0 * inertia / 3.0**3
     assert 500.0 * 9.81 < force < 2500.0 * 9.81
-    assert sag - truss_sag_m(drawing, 0.0) == pytest.approx(500.0 * 9.80665 * 27.0 / (96.0 * 2.06e11 * inertia))
+    assert carried - truss_sag_m(drawing, 0.0)[0] == pytest.approx(500.0 * 9.80665 * 27.0 / (96.0 * 2.06e11 * inertia))
+    # Each weighs 92 kg, spread along it.
+    a_metre = 7850.0 * (0.110 * 0.150 - 0.094 * 0.134) * 9.80665
+    assert own == pytest.approx(5.0 * a_metre * 3.0**4 / (384.0 * 2.06e11 * inertia))
+    assert own == pytest.approx(0.127e-3, abs=0.5e-6)
     cold = HeatedRobot(drawing).locate(POSE)
-    field = DisplacementField.of(cold).on(TrussMotion.under_weight(drawing.layout, sag))
+    field = DisplacementField.of(cold).on(TrussMotion.under_weight(drawing.layout, carried, own))
+    sag = carried + own
     truss = np.array(field.parts) == "truss"
     assert field.moved_m[~truss] == pytest.approx(np.tile([0.0, 0.0, -sag], (int(np.sum(~truss)), 1)), abs=1e-12)
     assert field.distance_m[truss].max() == pytest.approx(sag) and field.distance_m[truss].min() == 0.0
+
+
+def test_girders_under_their_own_weight_bend_as_their_moment_says(drawing):
+    """The moment w x (L - x) / 2 over E I, integrated twice."""
+    inertia, a_metre = (0.110 * 0.150**3 - 0.094 * 0.134**3) / 12.0, 7850.0 * (0.110 * 0.150 - 0.094 * 0.134) * 9.80665
+    x = np.linspace(0.0, 3.0, 3001)
+    slope = cumulative_simpson(a_metre * x * (3.0 - x) / (2.0 * 2.06e11 * inertia), x=x, initial=0.0)
+    line = cumulative_simpson(slope, x=x, initial=0.0)
+    line -= x / 3.0 * line[-1]
+    _, own = truss_sag_m(drawing, 0.0)
+    motion = TrussMotion.under_weight(drawing.layout, 0.0, own)
+    girder = motion.points_m[:11, 0] + 1.5
+    assert motion.moved_m[:11, 2] == pytest.approx(np.interp(girder, x, line), abs=1e-9)
 
 
 def test_the_hall_sees_truss_and_robot_together(drawing, state):
@@ -153,7 +172,8 @@ def test_the_command(capsys, tmp_path):
     assert told["truss"]["girders_hottest_degC"] > 100.0 and page.stat().st_size > 1e5
     assert main([*at, "--under", "weight", "--payload-kg", "0"]) == 0
     printed = capsys.readouterr().out
-    assert "moved under weight: mm" in printed and "truss: it moves the fixed platform by +0.00 +0.00 -" in printed
+    assert "moved under weight: mm" in printed
+    assert "truss: it moves the fixed platform by +0.00 +0.00 -0.90 mm" in printed  # 0.777 and 0.127 of the girders
     assert main([*at, "--under", "heat", "--after-min", "1", "--conduction-only"]) == 0
     assert "girders up to 20 degC" in capsys.readouterr().out
     refused = main([*at, "--html", str(page), "--overwrite"])

@@ -66,14 +66,14 @@ class Moved:
         from pouring_robot.thermal.expansion.truss import TrussMotion
         from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot as Heated
 
-        drawing, carried, sag = heated.robot, heated, 0.0
+        drawing, carried, sag = heated.robot, heated, (0.0, 0.0)
         if self.under != "heat":
             parts = load_stiffness(self.stiffness)
             melt = drawing.layout.ladle.payload.value if self.payload_kg is None else self.payload_kg
             loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
             carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
             sag = truss_sag_m(drawing, melt, parts)
-        state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.layout, sag)
+        state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.layout, *sag)
         if warm := carried.truss(state):
             motion += TrussMotion.under_heat(drawing.layout, warm, heated.network.properties)
         return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)

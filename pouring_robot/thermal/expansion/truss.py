@@ -177,13 +177,15 @@ class TrussMotion:
         return np.asarray(self.shift_m + np.cross(self.turn_rad, points_m))
 
     @classmethod
-    def under_weight(cls, layout: Layout, sag_m: float) -> Self:
-        """Return it for girders that sag in their middle, as under a force there."""
+    def under_weight(cls, layout: Layout, carried_m: float, own_m: float) -> Self:
+        """Return it for girders that sag in their middle by so much under a force there, and under their own weight."""
         points = _points(layout)
         near = 0.5 - np.abs(points[: 2 * _ALONG, 0]) / layout.truss.gauge.metres
-        share = np.concatenate([3.0 * near - 4.0 * near**3, np.ones(len(points) - 2 * _ALONG)])
-        down = np.array([0.0, 0.0, -sag_m])
-        return cls(points, share[:, None] * down, down, np.zeros(3))
+        sags = carried_m * (3.0 * near - 4.0 * near**3) + own_m * 3.2 * (near - 2.0 * near**3 + near**4)
+        shift = np.array([0.0, 0.0, -carried_m - own_m])
+        moved = np.tile(shift, (len(points), 1))
+        moved[: 2 * _ALONG, 2] = -sags
+        return cls(points, moved, shift, np.zeros(3))
 
     @classmethod
     def under_heat(cls, layout: Layout, found: TrussTemperatures, properties: ThermalProperties) -> Self:
