@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from pouring_robot.campaign.columns import POSITION, ROTATION, arrays_from
 from pouring_robot.campaign.data import Campaign
@@ -105,18 +106,21 @@ def simulate_campaign(
     *,
     path: Path | str = "campaign.csv",
     robots: Sequence[Robot] | None = None,
+    scale: ArrayLike = 0.0,
     progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
     """Measure a robot as built, which closes its loops at the commanded drives, without having it.
 
     ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
-    on the conditions of the plan.
+    on the conditions of the plan. ``scale`` is the relative error of the tracker's scale, a number or one a pose, (n,):
+    positions come 1 + scale times as far from its own origin. No robot has it: where a model does, it is
+    ``RobotUnderConditions(robot, …).scale(plan.drives)``.
 
     Raises:
         BadInputError: there is no robot or plan, options or path are none, the model has effects that depend on
-            conditions and there are no ``robots``, or another number of them, more gross errors than rows are asked
-            for, or the robot has redundant drives: what they read follows from where the body is, not the other way
-            round.
+            conditions and there are no ``robots``, or another number of them or of scales, more gross errors than rows
+            are asked for, or the robot has redundant drives: what they read follows from where the body is, not the
+            other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
@@ -132,6 +136,10 @@ def simulate_campaign(
         expect(standing, Robot, LOADED)
     if robots is not None and len(robots) != rows:
         raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
+    wrong_scale = f"the error of the tracker's scale is one number, or one for each of {rows} poses"
+    if np.shape(scale) not in ((), (rows,)):
+        raise BadInputError(wrong_scale)
+    stretch = 1.0 + np.broadcast_to(finite(scale, np.shape(scale), wrong_scale), rows)[:, None]
     refuse_redundant(robot)
     if options.outliers > rows:
         raise BadInputError(f"{options.outliers} gross errors do not fit into {rows} rows")
@@ -140,7 +148,8 @@ def simulate_campaign(
     outer, inner = _frames(options, random)
     actual = _actual_poses(robot, plan, robots, path, progress)
     seen = [outer * pose * inner for pose in actual]
-    position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
+    position = stretch * np.array([pose.translation for pose in seen])
+    position += random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
     direction = random.normal(size=(wrong.size, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -164,8 +164,8 @@ class Conditions:
         return self.drive_force is not None and bool(np.isfinite(self.drive_force).all())
 
     def mean_rise_k(self, thermometer: str) -> float:
-        """Return the mean temperature above the reference in the campaign."""
-        return self.learned.mean_rise_k[thermometer] if self.learned else float(self.rises[thermometer].mean())
+        """Return the mean temperature above the reference in the campaign; 0 where what was learned does not say it."""
+        return self.learned.mean_rise_k.get(thermometer, 0.0) if self.learned else float(self.rises[thermometer].mean())
 
     @property
     def session_shares(self) -> FloatArray:

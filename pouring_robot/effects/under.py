@@ -156,6 +156,37 @@ class RobotUnderConditions:
         drives = self.robot.commands_of(drives)
         if not self.robot.model.conditional or not len(drives):
             return [self.robot] * len(drives)
+        changes, sites, untold, beyond = self._changes(drives, seen=False)
+        known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
+        still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)
+        self.notes = (*beyond.values(), *still, *untold)
+        try:
+            return [self._standing(changes, k, sites) for k in range(len(drives))]
+        except TooLargeError as problem:
+            if far := self._far_out(drives, beyond):  # no unit is wrong
+                mend = "stay within that, or measure there and diagnose again"
+                raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
+            raise
+
+    def scale(self, drives: ArrayLike) -> FloatArray:
+        """Return the relative error of the measuring device's scale at each command, (n,), by drives (n, drives).
+
+        It moves no robot, but what is measured of it: positions count 1 + scale times about the device's own origin, as
+        :meth:`OuterFrames.seen` has it. Raises as :meth:`robots`.
+        """
+        drives = self.robot.commands_of(drives)
+        if not self.robot.model.conditional or not len(drives):
+            return np.zeros(len(drives))
+        return self._changes(drives, seen=True)[0].scale
+
+    def _changes(
+        self, drives: FloatArray, *, seen: bool
+    ) -> tuple[RowChanges, Sequence[str], tuple[str, ...], dict[str, str]]:
+        """Return what effects change at commands (n, drives), the joints of its sites, and the notes on it.
+
+        ``seen``: of the measuring device, too. The notes are what was not told, and by heading what lies beyond what
+        was learned.
+        """
         campaign = self._rows(drives)
         engine = engine_for(self.robot.nominal_solver.mechanism)
         closure = engine.close(drives, self.robot.drawing.starts(drives))
@@ -163,19 +194,9 @@ class RobotUnderConditions:
             first = int(np.argmin(closure.closed)) + 1
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
-        local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=False)
-        beyond = self._beyond(told(campaign))
-        known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
-        still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)
-        self.notes = (*beyond.values(), *still, *untold)
+        local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=seen)
         changes = RowChanges.of(local, engine.structure, len(drives))
-        try:
-            return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))]
-        except TooLargeError as problem:
-            if far := self._far_out(drives, beyond):  # no unit is wrong
-                mend = "stay within that, or measure there and diagnose again"
-                raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
-            raise
+        return changes, engine.structure.site_joints, untold, self._beyond(told(campaign))
 
     def idle(self, drives: ArrayLike) -> tuple[str, ...]:
         """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""

@@ -30,7 +30,7 @@ class LearnedCampaign(StrictModel):
     mean_force: list[pydantic.NonNegativeFloat] = pydantic.Field(default_factory=list)
     # whether the model that was learned here was further from the held-out rows than the one before: not to be used
     worse: bool = False
-    # mean temperature above the reference, by thermometer
+    # mean temperature above the reference, by thermometer; left out: counted from the reference
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
     # temperature at which the drawing holds
     reference_temperature_degC: Surroundings

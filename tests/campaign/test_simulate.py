@@ -184,6 +184,9 @@ def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
         simulate_campaign(drawing, plan, robots=[drawing] * 2)
     with pytest.raises(BadInputError, match=r"give a Robot, .* not a int"):
         simulate_campaign(drawing, plan, robots=[1] * 3)
+    for scale in ([1e-4] * 2, "large", np.nan):
+        with pytest.raises(BadInputError, match="tracker's scale is one number, or one for each of 3 poses"):
+            simulate_campaign(drawing, plan, scale=scale)
     with pytest.raises(BadInputError, match="MeasurementOptions, not a dict"):
         simulate_campaign(drawing, plan, {"seed": 1})
     with pytest.raises(BadInputError, match="path of a campaign is the one its table would have, not a int"):

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot import Campaign, random_plan, robots_under
+from pouring_robot import Campaign, diagnose, random_plan, robots_under
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended
@@ -144,3 +144,43 @@ def test_a_virtual_tracker_measures_it_under_the_conditions_of_its_plan(case, tm
     measured = Campaign.read(out).position_m
     expected = [r.locate(p).actual.pose_base_to_end.translation for r, p in zip(standing, plan.poses, strict=True)]
     np.testing.assert_allclose(measured, expected, atol=1e-9)
+
+
+SCALED = """format: pouring_robot/model/1
+layout: paper
+effects:
+  - {{effect: metrology_scale, form: {0}, learned: by_hand, parameters: {{{1}}}}}
+learned: {{by_hand: {{sessions: {{"1": 1}}, mean_span_m: [0, 0, 0, 0], reference_temperature_degC: 20}}}}
+"""
+SCALE = 'scale: {value: 300.0, unit: "1e-6"}'
+BY_AIR = f"{SCALE}, scale_by_air: {{value: 20.0, unit: 1e-6/K}}"
+
+
+@pytest.mark.parametrize(("form", "parameters", "by_air"), [("constant", SCALE, 0.0), ("air", BY_AIR, 20.0)])
+def test_a_virtual_tracker_has_the_scale_of_its_model(tmp_path, capsys, form, parameters, by_air):
+    """It counts from the tracker's own origin, here the fixed platform's: in proportion to the place itself."""
+    (tmp_path / "scaled.yaml").write_text(SCALED.format(form, parameters), encoding="utf-8")
+    (tmp_path / "true.yaml").write_text("format: pouring_robot/model/1\nlayout: paper\n", encoding="utf-8")
+    exact = ["--noise-mm", "0", "--noise-mrad", "0", "--tracker-frame", *"000000", "--target-frame", *"000000"]
+    measured = []
+    for name in ("scaled", "true"):
+        out, model = tmp_path / f"by_{name}.csv", tmp_path / f"{name}.yaml"
+        wanted = ["campaign", "simulate", "--random", "8", "--model", str(model), "--out", str(out)]
+        assert main([*wanted, *exact]) == 0
+        measured.append(Campaign.read(out))
+    scaled, true = measured
+    scale = 1e-6 * (300.0 + by_air * (true.conditions["ambient"] - 20.0))
+    np.testing.assert_allclose(scaled.position_m, true.position_m * (1.0 + scale[:, None]), rtol=0.0, atol=2e-9)
+    assert np.abs(scaled.position_m - true.position_m).max() > 1e-4
+    np.testing.assert_allclose(scaled.rotation_vector_rad, true.rotation_vector_rad, atol=1e-9)
+
+
+def test_a_diagnosis_finds_the_scale_of_a_virtual_tracker(tmp_path, capsys):
+    (tmp_path / "scaled.yaml").write_text(SCALED.format("constant", SCALE), encoding="utf-8")
+    out = tmp_path / "measured.csv"
+    noise = ["--noise-mm", "0.01", "--noise-mrad", "0.01", "--seed", "2", "--out", str(out)]
+    assert main(["campaign", "simulate", "--random", "80", "--model", str(tmp_path / "scaled.yaml"), *noise]) == 0
+    (entry,) = amended(diagnose(out, RobotModel())).effects
+    assert entry.effect == "metrology_scale"
+    found = entry.parameters["scale"]
+    assert abs(found.value - 300.0) < 3.0 * found.std < 60.0
