@@ -5,7 +5,7 @@ Cold parts have the hall's temperature, and nothing cools them below it. A hall 
 Practice L24, regulation 7), or stand by a furnace.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -25,6 +25,7 @@ _APART_K = 30.0  # so far from the hall no part is that is as cold as the others
 _FEWEST_COLD = 3
 _NEARLY_ALL = 0.9
 _MOVING_K = 5.0  # a thermometer that spreads by more follows something
+_APART_TIMES = 3.0  # by so much parts come further apart, in proportion to how warm they are
 _MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
     ("kelvin", lambda values: values + ABSOLUTE_ZERO_DEGC),
     ("degrees Fahrenheit", lambda values: (values - 32.0) / 1.8),
@@ -158,8 +159,12 @@ def _units(campaign: Campaign) -> Iterator[DataFlag]:
     flags += _no_temperature(campaign, columns.AMBIENT, SURROUNDINGS_DEGC[1], Severity.ERROR)
     flags = flags or list(_hall_in_fahrenheit(campaign, hall))
     yield from flags
-    if flags or len(parts) < 3:  # which are cold, two others must say
-        return
+    if not flags and len(parts) >= 3:  # which are cold, two others must say
+        yield from list(_one_in_another_unit(campaign, hall, parts)) or _begun_in_another_unit(campaign, hall)
+
+
+def _one_in_another_unit(campaign: Campaign, hall: FloatArray, parts: Sequence[str]) -> Iterator[DataFlag]:
+    """Find a part that is as cold as the others only if its figures are in kelvin or °F; ``hall`` is (n,)."""
     for name in parts:
         others = [campaign.conditions[other] - hall for other in parts if other != name]
         cold = np.median(np.abs(others), axis=0) < _COLD_K
@@ -173,6 +178,40 @@ def _units(campaign: Campaign) -> Iterator[DataFlag]:
             if alike.size >= _FEWEST_COLD and alike.mean() > _NEARLY_ALL and np.ptp(values) > 0.0:
                 said = f"{scale} under a heading in °C: it is at {np.median(values):.0f} °C where the others are cold"
                 yield wrong_unit(campaign, name, said, {"median_degC": float(np.median(values))}, Severity.WARNING)
+
+
+def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFlag]:
+    """Find three parts or more that begin as warm as the hall (n,) is in kelvin or °F, and come apart from there.
+
+    All others begin cold. The parts of a sound machine that begins so warm are rather as unlike as later, in proportion
+    to their warmth. Drawn up to 100 K warm at its begin and 100 to 250 K later, with parts unlike by 10 or 20 %, two
+    machines of a thousand with four parts do what is asked here (°F), and five with three: it is a warning.
+    """
+    parts = _warmed(campaign)
+    warmth = {name: campaign.conditions[name] - hall for name in parts}
+    begins = {name: _begin(values) for name, values in warmth.items()}
+    for scale, degC in _MISTAKES:
+        meant = {name: _begin(degC(campaign.conditions[name]) - hall) for name in parts}
+        wrong = [name for name in parts if abs(meant[name]) < _ALIKE_K and begins[name] > _APART_K]
+        if len(wrong) < 3 or any(abs(begins[name]) > _COLD_K for name in parts if name not in wrong):
+            continue
+        courses = np.array([warmth[name] for name in wrong])
+        courses = courses[:, np.isfinite(courses).all(axis=0)]
+        hottest = courses[:, courses.mean(axis=0).argmax()] if courses.size else np.ones(1)
+        first = np.array([begins[name] for name in wrong])
+        if _APART_TIMES * np.ptp(first) / first.mean() < np.ptp(hottest) / hottest.mean():
+            for name in (name for name in wrong if not campaign.heading(name).endswith("_K")):
+                began = begins[name] + _begin(hall)
+                said = (
+                    f"{scale} under a heading in °C, as {len(wrong) - 1} other parts may: it begins at {began:.0f} °C, "
+                )
+                said += "which would be the hall's temperature"
+                yield wrong_unit(campaign, name, said, {"begins_degC": began}, Severity.WARNING)
+
+
+def _begin(values: FloatArray) -> float:
+    """Return the first of values (n,) that is known; NaN where none is."""
+    return float(next(iter(values[np.isfinite(values)]), np.nan))
 
 
 def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:

@@ -125,3 +125,51 @@ def test_what_no_hall_and_no_melt_is_at_is_in_another_unit(campaign, name, shift
     wrong = read.with_conditions(**{name: read.conditions[name] + shift})
     heading = f"{name}_{'K' if in_kelvin else 'degC'}"
     assert units(headed_in_kelvin(wrong, name) if in_kelvin else wrong) == [(severity, heading)] * bool(severity)
+
+
+LIKE = dict(zip(PARTS, (1.0, 0.9, 1.2, 1.1, 0.6), strict=True))  # how warm a part becomes, in proportion
+
+
+def warming(campaign, begin_K, end_K):
+    """Return the campaign of a machine that warms, each part in proportion, by thermometers that are 0.3 K off."""
+    course, random = np.linspace(begin_K, end_K, len(campaign)), np.random.default_rng(3)
+    off = {name: random.normal(0.0, 0.3, len(campaign)) for name in PARTS}
+    return campaign.with_conditions(**{name: HALL + LIKE[name] * course + off[name] for name in PARTS})
+
+
+@pytest.mark.parametrize(
+    ("scale", "of_degC"), [("degrees Fahrenheit", lambda v: 1.8 * v + 32.0), ("kelvin", lambda v: v + 273.15)]
+)
+@pytest.mark.parametrize("names", [PARTS[:3], PARTS[:4], PARTS])
+def test_several_parts_in_another_unit_are_told_where_the_machine_begins_cold(campaign, names, scale, of_degC):
+    """They begin at 68 °F or 293 K, as the hall of 20 °C."""
+    cold = warming(campaign, 0.0, 120.0)
+    assert units(cold) == []
+    wrong = cold.with_conditions(**{name: of_degC(cold.conditions[name]) for name in names})
+    assert units(wrong) == [("warning", f"{name}_degC") for name in names]
+    assert all(f"hold {scale} under" in flag.message for flag in check_thermometers(wrong))
+    gaps = {name: np.where(np.arange(60) % 7 == k, np.nan, wrong.conditions[name]) for k, name in enumerate(PARTS)}
+    assert units(wrong.with_conditions(**gaps)) == units(wrong)
+    for name in names:
+        wrong = headed_in_kelvin(wrong, name)  # its unit is beyond doubt
+    assert units(wrong) == []
+
+
+def test_parts_that_begin_as_warm_as_the_hall_is_in_fahrenheit_are_not_accused(campaign):
+    """A machine that begins 48 K warm, stands so or cools to it; one that is soaked to the same in every part."""
+    for begin_K, end_K in ((48.0, 120.0), (48.0, 48.0), (120.0, 48.0)):
+        assert units(warming(campaign, begin_K, end_K)) == []
+    soaked = {name: HALL + 48.0 + 0.1 * (campaign.conditions[name] - HALL) for name in PARTS}
+    assert units(campaign.with_conditions(**soaked)) == []
+
+
+def test_of_machines_that_begin_warm_one_in_two_hundred_is_accused_at_most(campaign):
+    """Legs up to 100 K warm when it begins, 100 to 250 K later, unlike by a tenth; the platform was not read."""
+    random, accused = np.random.default_rng(4), 0
+    rows, count = campaign.subset(np.arange(12)).with_conditions(platform=None), 1000
+    for _ in range(count):
+        like, begin_K, end_K = random.normal(1.0, 0.1, 4), random.uniform(0.0, 100.0), random.uniform(100.0, 250.0)
+        course = np.linspace(begin_K, end_K, 12)
+        read = {name: HALL + part * course for name, part in zip(PARTS, like, strict=False)}
+        accused += bool(units(rows.with_conditions(ambient=np.full(12, HALL), **read)))
+    assert accused <= count / 200
