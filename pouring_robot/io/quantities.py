@@ -112,6 +112,19 @@ def read_quantities(
     return QuantityTable(table, headings, unknown, numbers, labels)
 
 
+def whole_column(table: Table, quantity: Quantity) -> tuple[str, NDArray[np.float64]]:
+    """Return heading and values, (n,) in the inner unit, of the one column of a quantity in which no cell is empty.
+
+    Raises TableError (or what the table raises) where it is missing or stands in two units, or a cell is no number.
+    """
+    found = [heading for heading in table.headings if heading in quantity.headings]
+    if len(found) != 1:
+        problem = "stands twice" if found else "is missing"
+        raise table.heading_fault(f"the column for {quantity.name} ({' or '.join(quantity.headings)}) {problem}")
+    values = table.numbers(table.headings.index(found[0]))
+    return found[0], to_inner(values, found[0].removeprefix(f"{quantity.name}_"))
+
+
 def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
     """Return the column of each quantity that is there, by quantity name."""
     known = {heading: quantity for quantity in quantities for heading in quantity.headings}

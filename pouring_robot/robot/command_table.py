@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.quantities import Quantity, read_quantities
-from pouring_robot.io.tables import Table, read_table
-from pouring_robot.io.units import to_inner
+from pouring_robot.io.quantities import Quantity, read_quantities, whole_column
+from pouring_robot.io.tables import read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import Target
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
-_UNITS = {"x": ("mm", "m"), "y": ("mm", "m"), "z": ("mm", "m"), "tilt": ("deg", "rad", "mrad")}
+PLATFORM_POSE = (*(Quantity(name, "length") for name in "xyz"), Quantity("tilt", "angle"))
+"""The numbers of a platform's pose in a table, each in a column of any unit of its kind."""
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
@@ -24,28 +24,18 @@ def read_poses(path: Path | str) -> list[PlatformPose]:
 
 
 def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-    """Read commanded poses by line: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+    """Read commanded poses by line: columns of :data:`PLATFORM_POSE`.
 
     Columns ``sample``, which plans have, and ``beside`` may stand there and are left out. Raises TableError where the
     file cannot be read, another column stands in it or one is missing, or a cell is no finite number.
     """
     table = read_table(path, "x_mm, y_mm, z_mm, tilt_deg")
-    table.refuse_others([*(f"{name}_{unit}" for name, units in _UNITS.items() for unit in units), "sample", *beside])
-    columns = [_column(table, name) for name in _UNITS]
+    table.refuse_others([*(heading for quantity in PLATFORM_POSE for heading in quantity.headings), "sample", *beside])
+    columns = [whole_column(table, quantity)[1].tolist() for quantity in PLATFORM_POSE]
     if not len(table):
         raise TableError(path, "holds no pose below its header line")
-    poses = (PlatformPose((x, y, z), tilt) for x, y, z, tilt in zip(*(c.tolist() for c in columns), strict=True))
+    poses = (PlatformPose((x, y, z), tilt) for x, y, z, tilt in zip(*columns, strict=True))
     return dict(zip(table.lines.tolist(), poses, strict=True))
-
-
-def _column(table: Table, name: str) -> FloatArray:
-    """Return the values of x, y, z (m) or tilt (rad), (n,)."""
-    headings = [f"{name}_{unit}" for unit in _UNITS[name]]
-    found = [heading for heading in table.headings if heading in headings]
-    if len(found) != 1:
-        problem = "stands twice" if found else "is missing"
-        raise table.heading_fault(f"the column for {name} ({' or '.join(headings)}) {problem}")
-    return to_inner(table.numbers(table.headings.index(found[0])), found[0].removeprefix(f"{name}_"))
 
 
 def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, FloatArray | Target]:

@@ -176,11 +176,14 @@ def test_a_history_file(tmp_path):
     [
         ("", "line 1"),
         ("time_s,melt\n0,1\n", "unknown column 'melt' names no unit; write melt_degC"),
-        ("time_s,time_min,melt_degC\n0,0,1\n", "one time column"),
+        ("time_s,time_min,melt_degC\n0,0,1\n", "the column for time (time_s or time_min or time_h) stands twice"),
         ("time_s,melt_degC,melt_degC\n0,0,1\n", "stands twice"),
         ("time_s,melt_degC\n0,1700\n5,\n", "line 3, column melt_degC"),
         ("time_s,melt_degC\n0,1700\n5,1700\n4,1700\n", "line 4, column time_s: does not come after"),
         ("time_s,melt_degC\n0,1700\n5,-300\n", "line 3, column melt_degC: -300 degC lies below"),
+        ("time_s,melt_K\n0,1973\n5,-30\n", "line 3, column melt_K: -303.15 degC lies below"),
+        ("time_s,ambient_K\n0,293\n", "the column for melt (melt_degC or melt_K) is missing"),
+        ("time_s,melt_K,melt_degC\n0,1973,1700\n", "the column for melt (melt_degC or melt_K) stands twice"),
         ("time_s,melt_degC\n0,1700\n", "at least two entries"),
     ],
 )
@@ -211,6 +214,20 @@ def test_a_shift_file_may_hold_poses(tmp_path):
     with pytest.raises(TableError, match="column 'y_mm' is missing"):
         path.write_text("time_min,melt_degC,x_mm\n0,1500,1\n5,1500,1\n", encoding="utf-8")
         read_shift(path)
+
+
+def test_a_shift_file_takes_any_unit_of_a_kind(tmp_path):
+    """1773.15 K are 1500 degC, pi/6 rad 30 degrees."""
+    path = tmp_path / "shift.csv"
+    head = "time_h,melt_K,ambient_K,x_m,y_um,z_mm,tilt_mrad\n"
+    path.write_text(f"{head}0,1773.15,293.15,-0.1,20000,-600,523.5987755982989\n0.5,1973.15,298.15,-0.1,0,-600,0\n")
+    history, schedule = read_shift(path)
+    assert history.times_s.tolist() == [0.0, 1800.0]
+    assert history.melt_degC.tolist() == pytest.approx([1500.0, 1700.0])
+    assert history.ambient_degC.tolist() == pytest.approx([20.0, 25.0])
+    first, second = (pose.to_mm_deg() for _, pose in schedule.entries)
+    assert first == pytest.approx((-100.0, 20.0, -600.0, 30.0))
+    assert second == pytest.approx((-100.0, 0.0, -600.0, 0.0))
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -13,17 +13,18 @@ from typing import Self
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
+from pouring_robot.io.quantities import Quantity, whole_column
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import AMBIENT_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
-from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.robot.command_table import PLATFORM_POSE
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 
 Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
 
-_TIMES = {f"time_{unit}": unit for unit in UNITS["time"]}
+_TIME, _MELT, _AMBIENT = Quantity("time", "time"), Quantity("melt", "temperature"), Quantity("ambient", "temperature")
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 _STRAIGHT_K_PER_S = 1e-12
 
@@ -116,38 +117,39 @@ def _check_order(times: FloatArray) -> None:
 def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> tuple[HeatHistory, PoseSchedule | None]:
     """Read a history from a table, and the poses held where it has any.
 
-    Columns: ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, if wanted ``ambient_degC``, and ``x_mm``, ``y_mm``,
-    ``z_mm``, ``tilt_deg``, all or none. A pose is held from the time of its line on.
+    Columns, each in any unit of its kind: time, ``melt``, if wanted ``ambient``, and ``x``, ``y``, ``z``, ``tilt``, all
+    or none. A pose is held from the time of its line on.
 
     Raises:
         TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
             increase, or a temperature is impossible; names line and column.
     """
     table = read_table(path, "time_min, melt_degC, ambient_degC")
-    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *POSE_COLUMNS])
-    time_column, *more = [name for name in table.headings if name in _TIMES] or [""]
-    if not time_column or more or "melt_degC" not in table.headings:
-        raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
-    columns = {name: table.numbers(index) for index, name in enumerate(table.headings)}
-    for name in ("melt_degC", "ambient_degC"):
-        for row, value in enumerate(columns.get(name, ())):
-            if problem := temperature_fault(float(value), surroundings=name == "ambient_degC"):
-                raise table.fault(problem, row, name)
-    times = to_inner(columns[time_column], _TIMES[time_column])
+    known = (_TIME, _MELT, _AMBIENT, *PLATFORM_POSE)
+    table.refuse_others([heading for quantity in known for heading in quantity.headings])
+    there = [quantity for quantity in known if {*quantity.headings} & {*table.headings}]
+    columns = {quantity: whole_column(table, quantity) for quantity in (_TIME, _MELT, *there)}
+    for quantity in (_MELT, _AMBIENT):
+        heading, values = columns.get(quantity, ("", ()))
+        for row, value in enumerate(values):
+            if problem := temperature_fault(float(value), surroundings=quantity == _AMBIENT):
+                raise table.fault(problem, row, heading)
+    time_heading, times = columns[_TIME]
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if late.size:
-        raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_column)
-    ambient = columns.get("ambient_degC", np.full(len(times), default_ambient_degC))
+        raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_heading)
+    ambient = columns[_AMBIENT][1] if _AMBIENT in there else np.full(len(times), default_ambient_degC)
     try:
-        history = HeatHistory(times, columns["melt_degC"], ambient)
+        history = HeatHistory(times, columns[_MELT][1], ambient)
     except BadInputError as error:
         raise TableError(path, str(error)) from error
-    missing = [name for name in POSE_COLUMNS if name not in columns]
-    if len(missing) == len(POSE_COLUMNS):
+    if not {*there} & {*PLATFORM_POSE}:
         return history, None
+    missing = [name for name, quantity in zip(POSE_COLUMNS, PLATFORM_POSE, strict=True) if quantity not in there]
     if missing:
         raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(POSE_COLUMNS)}")
-    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in POSE_COLUMNS])]
+    numbers = zip(*(columns[quantity][1].tolist() for quantity in PLATFORM_POSE), strict=True)
+    poses = [PlatformPose((x, y, z), tilt) for x, y, z, tilt in numbers]
     changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
     entries = tuple((float(times[k]), poses[k]) for k in changes)
     return history, PoseSchedule(entries, tuple(table.lines[changes].tolist()))
