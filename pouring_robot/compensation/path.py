@@ -77,7 +77,7 @@ class CompensatedPath(ReadOnly, Result):
         before, left = self.before_m[found].max(), np.linalg.norm(self.left[found, :3], axis=1).max()
         return (
             f"{found.sum()} of {len(found)} poses: '{self.frame}' at most {before / MM:.3f} mm off without "
-            f"compensation, {left / MM:.1e} mm with it"
+            f"compensation{', as warm,' if self.strain.any() else ','} {left / MM:.1e} mm with it"
         )
 
     def _table(self) -> Any:
