@@ -4,7 +4,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pouring_robot.calibration.metrics import (
     workspace_rows,
 )
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
+from pouring_robot.calibration.unfitting import explains, unfitting_flags, unfitting_rows
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without, where
@@ -46,6 +47,8 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
+
+_GROSS_ERROR_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -114,10 +117,11 @@ def calibrate(
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
     said = "left out, as effects of the model go by {}, and other rows do not tell what it was: {}"
     untold += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
-    task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise_beforehand(campaign, parts.train))
-    if task.noise.from_residuals:
-        progress("estimating the noise from residuals", 0, 0)
-        task = replace(task, noise=task.settled_noise())
+    noise = noise_beforehand(campaign, parts.train)
+    task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise).with_noise_settled(progress)
+    task = task.without_gross_errors(options.hold_out, progress)
+    parts, wrong = task.parts, np.setdiff1d(task.left_out, left_out)
+    left_out = task.left_out
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, task.measured, parts, candidates, tolerances, options.fit, progress)
@@ -134,7 +138,7 @@ def calibrate(
         campaign=campaign,
         present=model,
         calibrated=answer.rows.model.amended(answer.fit.unknowns.parameters),
-        flags=flags,
+        flags=(*flags, *unfitting_flags(campaign, wrong, task.off(wrong))),
         left_out=left_out,
         split=parts,
         noise=task.noise,
@@ -196,9 +200,59 @@ class _Task:
         prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
         return train, seen, first_frames(train, seen), prior_std
 
-    def settled_noise(self) -> NoiseLevel:
-        """Return the noise with what nobody states of it taken from what a fit of everything leaves over."""
-        return settled_noise(*self._begun(self.rows), self.noise, self.options)
+    def with_noise_settled(self, progress: Progress) -> Self:
+        """Return it with what nobody states of the noise taken from what a fit of everything leaves over."""
+        if not self.noise.from_residuals:
+            return self
+        progress("estimating the noise from residuals", 0, 0)
+        return replace(self, noise=settled_noise(*self._begun(self.rows), self.noise, self.options))
+
+    def without_gross_errors(self, hold_out: HoldOut, progress: Progress) -> Self:
+        """Return it without the rows that a fit of everything does not explain, if it explains the others.
+
+        Otherwise what the model lacks shows in many rows, and none is known to be wrong.
+        """
+        found = tried = self
+        for _ in range(_GROSS_ERROR_ROUNDS):
+            more = tried._unfitting(np.setdiff1d(tried.left_out, self.left_out).size)
+            if not more.size:
+                break
+            progress("leaving out rows that fit nothing", 0, 0)
+            tried = tried._without(more, hold_out).with_noise_settled(progress)
+            found = tried if tried.everything and explains(tried.everything) else found
+        return found
+
+    def _without(self, rows: Indices, hold_out: HoldOut) -> Self:
+        """Return it with more rows left out."""
+        left_out = np.union1d(self.left_out, rows)
+        try:
+            parts = split(self.campaign, left_out, hold_out)
+        except CalibrationError as few:
+            said = f"without the rows that fit nothing ({where(self.campaign, rows)}) {few.problem}"
+            raise CalibrationError(said, few.mend) from few
+        return replace(self, parts=parts, left_out=left_out, noise=noise_beforehand(self.campaign, parts.train))
+
+    def _unfitting(self, gone: int) -> Indices:
+        """Return the rows that are gross errors by a fit of everything; none where there is no such fit."""
+        if self.everything is None:
+            return np.zeros(0, dtype=np.intp)
+        told = self.campaign, self.rows, self.measured, self.parts
+        return unfitting_rows(*told, self.everything, gone)
+
+    @functools.cached_property
+    def everything(self) -> Fit | None:
+        """A fit of all that there is to choose from to the training rows; None where rows do not bear one."""
+        try:
+            return identify(*self._begun(self.rows), self.options)
+        except CalibrationError:
+            return None
+
+    def off(self, rows: Indices) -> FloatArray:
+        """Return by how many times the noise rows (k,) are off a fit of everything to others, the largest of each."""
+        if self.everything is None or not rows.size:
+            return np.zeros(rows.size)
+        left = self.every.residual(self.rows.predict(self.everything.unknowns))[rows]
+        return np.asarray(np.nan_to_num(np.abs(left) / self.every.sigma).max(axis=1))
 
     def fitted(self, groups: Sequence[ParameterGroup]) -> _Answer:
         """Fit groups to the training rows."""

@@ -41,7 +41,7 @@ class CalibrationFindings(Result):
     campaign: Campaign
     present: RobotModel  # the robot before; ``calibrated`` after: what to export
     calibrated: RobotModel
-    flags: tuple[DataFlag, ...]  # what the checks of the data found
+    flags: tuple[DataFlag, ...]  # what the checks of the data found, and rows that fit nothing
     left_out: Indices  # rows that took no part: gross errors, and poses or drives out of reach
     split: Split  # who was held out when
     noise: NoiseLevel

@@ -2,8 +2,9 @@
 
 Of few rows anything is explained by some effect; that a row is off by itself is then one more explanation to be tried.
 
-Found here after a search, they are left out and it is searched again (``diagnosis/diagnose.py``). Before any fit they
-are found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
+Found here after a search, they are left out and it is searched again (``diagnosis/diagnose.py``); after a fit of all
+parameters to choose from, they are left out of a calibration (``calibration/unfitting.py``). Before any fit they are
+found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
 """
 
 from collections.abc import Iterable, Sequence

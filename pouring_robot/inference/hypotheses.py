@@ -331,12 +331,8 @@ class Hypothesis:
 
     @property
     def deletion_residual(self) -> FloatArray:
-        """What each equation's residual would be if it took no part, over its standard deviation, (m,).
-
-        What is left over the root of one minus the equation's leverage (Cook & Weisberg, Residuals and influence in
-        regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
-        """
-        return np.asarray(self.remainder / np.sqrt(self.freedom.clip(min=_ALONE)))
+        """What each equation's residual would be if it took no part, see :func:`deletion_residual`, (m,)."""
+        return deletion_residual(self.remainder, self.freedom)
 
     def part(self, index: int) -> FloatArray:
         """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
@@ -395,6 +391,15 @@ class Hypothesis:
         if not total > 0.0 or (item.main.all() and limits is None):
             return 1.0
         return self.explained_by(item, (index,), limits) / total
+
+
+def deletion_residual(left: FloatArray, freedom: FloatArray) -> FloatArray:
+    """Return what each equation's residual would be if it took no part, over its standard deviation, (m,).
+
+    What is left, over its noise, over the root of one minus the equation's leverage, both (m,) (Cook & Weisberg,
+    Residuals and influence in regression, 1982, ch. 2): who draws the answer to himself is seen all the same.
+    """
+    return np.asarray(left / np.sqrt(freedom.clip(min=_ALONE)))
 
 
 @functools.cache
