@@ -152,6 +152,7 @@ def calibrate(
         after=answer.left,
         base=base,
         rank_anywhere=rank_anywhere,
+        in_place_of_dropped=task.in_place_of_dropped(answer, selection, candidates),
         ladle=ladle,
         ladle_measured=ladle_measured,
         performance=pose_performance(task.measured, present.left, answer.left, alike),
@@ -303,6 +304,31 @@ class _Task:
             known(workspace, *told),
             known(answer.rows[used], *told),
         )
+
+    def in_place_of_dropped(
+        self, answer: _Answer, selection: Selection, candidates: Sequence[ParameterGroup]
+    ) -> FloatArray:
+        """Return how far parameters kept, (k,), move where those dropped are off by their tolerances, (k, d).
+
+        Both in tolerances, by linear least squares of the training rows about the present robot; a column for each of d
+        directions in which the dropped ones are independent. Rows that are explained without them have shown how large
+        they are where what was kept does not move in their place, so that less than the tolerances counts there.
+        """
+        dropped = all_parameters([group for group in candidates if group not in selection.groups])
+        kept = all_parameters(selection.groups)
+        if not (dropped and kept):
+            return np.zeros((len(kept), len(dropped)))
+        rows = self.rows.with_parameters((*kept, *dropped))
+        used, seen = self.training
+        start = Unknowns.zero(answer.fit.unknowns.frames, len(rows.model.names) - FRAMES)
+        off = whiten(seen, rows[used].linearise(start)).derivatives
+        off = off * rows.model.prior_std(self.tolerances, framed=self.measured.framed)
+        theirs = slice(FRAMES + len(kept), FRAMES + len(kept) + len(dropped))
+        fitted = np.delete(off, theirs, axis=1)
+        moved = np.linalg.solve(np.eye(fitted.shape[1]) + fitted.T @ fitted, fitted.T @ off[:, theirs])
+        shown = off[:, theirs] - fitted @ moved
+        told, directions = np.linalg.eigh(shown.T @ shown)
+        return np.asarray(moved[FRAMES : FRAMES + len(kept)] @ directions / np.sqrt(1.0 + told.clip(min=0.0)))
 
 
 def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:

@@ -84,16 +84,24 @@ def _worse(calibration: CalibrationFindings) -> str | None:
 
 
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:
-    """Return how many times as far off parameters are as tolerances say, RMS; 1 where that is no accident.
+    """Return how many times as far off parameters are as tolerances say, RMS; 1 where that may be an accident.
 
     Squares of their values over prior variances are chi-square, of as many degrees as variances were learnt by the
-    noise that weighed the rows: under a larger one the values themselves scatter no less.
+    noise that weighed the rows: under a larger one the values themselves scatter no less. Those that move in the place
+    of what was dropped scatter more, and then the sum is a weighted one of chi-squares, which has the mean and the
+    variance of one that is scaled (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     lines = parameter_lines(calibration)
     squared = sum((p.value / p.prior_std) ** 2 for p in lines)
-    learnt = float(calibration.fit.learnt[FRAMES : FRAMES + len(lines)].sum())
-    surprising = learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < FALSE_ALARMS
-    return math.sqrt(squared / learnt) if surprising else 1.0
+    kept, fit = slice(FRAMES, FRAMES + len(lines)), calibration.fit
+    learnt = float(fit.learnt[kept].sum())
+    if not (learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < FALSE_ALARMS):
+        return 1.0
+    prior, moved = fit.prior_std[kept], calibration.in_place_of_dropped
+    scatter = np.eye(len(lines)) - fit.covariance[kept, kept] / np.outer(prior, prior) + moved @ moved.T
+    mean, scale = float(np.trace(scatter)), float(np.square(scatter).sum() / np.trace(scatter))
+    explained = moved.any() and scipy.special.chdtrc(mean / scale, squared / scale) >= FALSE_ALARMS
+    return 1.0 if explained else math.sqrt(squared / learnt)
 
 
 def _moved(calibration: CalibrationFindings, before: Misfit, after: Misfit) -> str:

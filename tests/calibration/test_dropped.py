@@ -1,0 +1,43 @@
+"""Parameters that move in the place of those that were dropped: an arm whose zeros are taken as exact."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
+from pouring_robot.calibration.summary import notes_of, warnings_of
+from pouring_robot.robot.robot import Robot
+from tests.calibration.test_unfitting import arm_as_built
+from tests.campaign.simulated import measure
+from tests.robot.test_definition import ROBOTS
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The calibration of an arm made to its tolerances, zeros by 5 mrad and directions of axes by 1 mrad."""
+    return calibrate(measure(arm_as_built(1), count=80, seed=1).campaign, Robot.load(ROBOTS / "arm/robot.yaml").model)
+
+
+def test_zeros_that_axes_turn_in_the_place_of_are_not_axes_beyond_their_tolerances(found):
+    def told(one):
+        return [line for line in warnings_of(one) if "times as far off as its tolerances" in line]
+
+    assert any("taken as exact: drives;" in line for line in notes_of(found))
+    assert not told(found)
+    farther = replace(found.fit.unknowns, values=3.0 * found.fit.unknowns.values)
+    assert len(told(replace(found, fit=replace(found.fit, unknowns=farther)))) == 1
+
+
+def test_what_moves_in_their_place_is_what_a_fit_without_them_finds(found):
+    """Arms with one zero off by its tolerance, each, and nothing else, calibrated without zeros."""
+    drawing = Robot.load(ROBOTS / "arm/robot.yaml").model
+    kept = tuple(group.name for group in found.selection.groups)
+    options, expected = CalibrationOptions(parameters=kept, choose=False), 0.0
+    for drive in drawing.definition.drives:
+        arm = Robot(drawing.displaced({}, {drive.joint: 5e-3}))
+        lines = calibrate(measure(arm, count=80, seed=1).campaign, drawing, options).to_frame()
+        moved = (lines["value"] / lines["prior_std"]).to_numpy()
+        expected = expected + np.outer(moved, moved)
+    assert np.sqrt(np.diagonal(expected)).max() > 2.0
+    np.testing.assert_allclose(found.in_place_of_dropped @ found.in_place_of_dropped.T, expected, atol=0.3)
