@@ -26,7 +26,7 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
     given, hidden = diagnosis.rows.conditions, diagnosis.diagnoser.asked.hidden
     if not diagnosis.diagnoser.library.effects[effect.cause.effect].of_turn:
         return ()
-    terms = Counter(name for found in effect.parameters for name in found.parameter.changes)
+    terms = Counter(name for found in effect.parameters if found.parameter.main for name in found.parameter.changes)
     curves = local_changes([p.parameter for p in effect.parameters], [p.value for p in effect.parameters])
     linear, orders, smooth = diagnosis.diagnoser.at_rest().linear, list[str](), list[str]()
     frames = Nuisance.of(linear.free)
