@@ -40,6 +40,7 @@ from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import BLOCKS, HoldOut, Split, blocks, split
 from pouring_robot.exceptions import CalibrationError
+from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -47,8 +48,6 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
-
-_GROSS_ERROR_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,7 @@ class _Task:
         Otherwise what the model lacks shows in many rows, and none is known to be wrong.
         """
         found = tried = self
-        for _ in range(_GROSS_ERROR_ROUNDS):
+        for _ in range(ROUNDS):
             more = tried._unfitting(np.setdiff1d(tried.left_out, self.left_out).size)
             if not more.size:
                 break

@@ -37,6 +37,7 @@ from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
+from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import sums_of
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _FEWEST_ROWS = 8
-_GROSS_ERROR_ROUNDS = 3
 _NO_ROWS: Indices = np.zeros(0, dtype=np.intp)
 
 
@@ -230,7 +230,7 @@ class _Work:
         Otherwise what is missing is missing in many rows, and none is known to be wrong.
         """
         tried = found
-        for _ in range(_GROSS_ERROR_ROUNDS):
+        for _ in range(ROUNDS):
             more = tried.gross_errors
             if not more.size or tried.asked.inliers.size - more.size < _FEWEST_ROWS:
                 break

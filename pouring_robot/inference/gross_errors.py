@@ -19,6 +19,8 @@ from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, robust_sigma
 
+ROUNDS = 3
+"""So often it is looked again, without the rows that were found: some hide behind others."""
 _SIGMAS = 6.5
 """Of a million normal values one is beyond 4.9; this leaves room for tails that are no longer normal."""
 _FEW_SHARE, _FEW = 0.04, 2
