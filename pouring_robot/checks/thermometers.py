@@ -200,12 +200,10 @@ def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[Dat
         hottest = courses[:, courses.mean(axis=0).argmax()] if courses.size else np.ones(1)
         first = np.array([begins[name] for name in wrong])
         if _APART_TIMES * np.ptp(first) / first.mean() < np.ptp(hottest) / hottest.mean():
+            others = f"{scale} under a heading in °C, as {len(wrong) - 1} other parts may"
             for name in (name for name in wrong if not campaign.heading(name).endswith("_K")):
                 began = begins[name] + _begin(hall)
-                said = (
-                    f"{scale} under a heading in °C, as {len(wrong) - 1} other parts may: it begins at {began:.0f} °C, "
-                )
-                said += "which would be the hall's temperature"
+                said = f"{others}: it begins at {began:.0f} °C, which would be the hall's temperature"
                 yield wrong_unit(campaign, name, said, {"begins_degC": began}, Severity.WARNING)
 
 

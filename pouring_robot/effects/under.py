@@ -60,6 +60,7 @@ Given = Mapping[str, ArrayLike | str | Sequence[str]]
 """Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""
 Found = TypeVar("Found", Compensation, DriveCompensation)
 _SETTLED, _MOST_TURNS = 1e-11, 25
+_ROUND_OFF = 1e-6  # of the largest: directions in which commands were tried by less tell nothing of their answers
 _SAME = 1e-6  # of its range: by how much a condition may lie beyond it
 
 
@@ -365,5 +366,5 @@ def _mixed(tried: FloatArray, answers: FloatArray) -> FloatArray:
     """
     last = tried.shape[2] + 1
     missed, answers = np.moveaxis((answers - tried)[-last:], 0, 2), np.moveaxis(answers[-last:], 0, 2)
-    steps = np.linalg.pinv(np.diff(missed), rcond=_SAME) @ missed[:, :, -1:]
+    steps = np.linalg.pinv(np.diff(missed), rcond=_ROUND_OFF) @ missed[:, :, -1:]
     return np.asarray(answers[:, :, -1] - (np.diff(answers) @ steps)[:, :, 0])
