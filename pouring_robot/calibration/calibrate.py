@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from pouring_robot.calibration.dropped import Dropped
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.metrics import (
     LadleUncertainty,
@@ -132,7 +133,9 @@ def calibrate(
     if refused:
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
-    base, rank_anywhere, ladle, ladle_measured = task.told_by(answer)
+    base, rank_anywhere = task.told_by(answer)
+    dropped = task.dropped(answer, [group for group in candidates if group not in selection.groups])
+    ladle, ladle_measured = task.ladle(answer, dropped)
     return Calibration(
         campaign=campaign,
         present=model,
@@ -151,7 +154,7 @@ def calibrate(
         after=answer.left,
         base=base,
         rank_anywhere=rank_anywhere,
-        in_place_of_dropped=task.in_place_of_dropped(answer, selection, candidates),
+        in_place_of_dropped=dropped.kept_moves,
         ladle=ladle,
         ladle_measured=ladle_measured,
         performance=pose_performance(task.measured, present.left, answer.left, alike),
@@ -280,54 +283,41 @@ class _Task:
         names = tuple(group.name for group in selection.groups)
         return Refusal(names, Misfit.of(present.left[test]), Misfit.of(answer.left[test]))
 
-    def told_by(self, answer: _Answer) -> tuple[BaseParameters, int, LadleUncertainty, LadleUncertainty]:
-        """Return what the training rows tell of the groups, and how well the ladle is known: anywhere, and in them.
-
-        Second is the rank that the first would have if poses all over the workspace were measured besides.
-        """
+    def told_by(self, answer: _Answer) -> tuple[BaseParameters, int]:
+        """Return what the training rows tell of the groups, and the rank if all the workspace were measured besides."""
         used, seen = self.training
         model, unknowns = answer.rows.model, answer.fit.unknowns
         start = unknowns.at(np.zeros_like(unknowns.values))
         shown = -whiten(seen, answer.rows[used].linearise(start)).derivatives
-        workspace = answer.rows if self.campaign.redundant_drives else workspace_rows(model)
+        workspace = self._anywhere(answer.rows)
         as_here = np.broadcast_to(self.measured.known[:, :6].any(axis=0), (len(workspace), 6))
         added = regressor(workspace.linearise(start), self.measured.sigma[:6], as_here)
-        position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
-        located, turned = bool(position.any(axis=0).all()), bool(rotation.any())
-        known = functools.partial(ladle_uncertainty, located=located, turned=turned)
-        told = unknowns, answer.fit.covariances, answer.fit.interval_dof
         own_frames = [parameter.name for parameter in model.sessions]
         return (
             base_parameters(shown, model.names, lead=(*model.names[:FRAMES], *own_frames)),
             base_parameters(np.vstack([shown, added]), model.names).rank,
-            known(workspace, *told),
-            known(answer.rows[used], *told),
         )
 
-    def in_place_of_dropped(
-        self, answer: _Answer, selection: Selection, candidates: Sequence[ParameterGroup]
-    ) -> FloatArray:
-        """Return how far parameters kept, (k,), move where those dropped are off by their tolerances, (k, d).
+    def _anywhere(self, rows: ModelledRows) -> ModelledRows:
+        """Return commands all over the workspace; with redundant drives only those of the rows are known to fit."""
+        return rows if self.campaign.redundant_drives else workspace_rows(rows.model)
 
-        Both in tolerances, by linear least squares of the training rows about the present robot; a column for each of d
-        directions in which the dropped ones are independent. Rows that are explained without them have shown how large
-        they are where what was kept does not move in their place, so that less than the tolerances counts there.
-        """
-        dropped = all_parameters([group for group in candidates if group not in selection.groups])
-        kept = all_parameters(selection.groups)
-        if not (dropped and kept):
-            return np.zeros((len(kept), len(dropped)))
-        rows = self.rows.with_parameters((*kept, *dropped))
-        used, seen = self.training
-        start = Unknowns.zero(answer.fit.unknowns.frames, len(rows.model.names) - FRAMES)
-        off = whiten(seen, rows[used].linearise(start)).derivatives
-        off = off * rows.model.prior_std(self.tolerances, framed=self.measured.framed)
-        theirs = slice(FRAMES + len(kept), FRAMES + len(kept) + len(dropped))
-        fitted = np.delete(off, theirs, axis=1)
-        moved = np.linalg.solve(np.eye(fitted.shape[1]) + fitted.T @ fitted, fitted.T @ off[:, theirs])
-        shown = off[:, theirs] - fitted @ moved
-        told, directions = np.linalg.eigh(shown.T @ shown)
-        return np.asarray(moved[FRAMES : FRAMES + len(kept)] @ directions / np.sqrt(1.0 + told.clip(min=0.0)))
+    def dropped(self, answer: _Answer, groups: Sequence[ParameterGroup]) -> Dropped:
+        """Return what the groups that an answer is without do to it."""
+        return Dropped.beside(answer.fit, answer.rows, self.training, all_parameters(groups), self.tolerances)
+
+    def ladle(self, answer: _Answer, dropped: Dropped) -> tuple[LadleUncertainty, LadleUncertainty]:
+        """Return how well the ladle is known anywhere, and in the training rows."""
+        position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
+        known = functools.partial(
+            ladle_uncertainty,
+            unknowns=dropped.unknowns,
+            covariances=dropped.covariances(answer.fit.covariances),
+            dof=answer.fit.interval_dof,
+            located=bool(position.any(axis=0).all()),
+            turned=bool(rotation.any()),
+        )
+        return known(self._anywhere(dropped.rows)), known(dropped.rows[self.training[0]])
 
 
 def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:

@@ -57,7 +57,7 @@ class CalibrationFindings(Result):
     after: FloatArray
     base: BaseParameters  # what the training rows can tell of the groups kept, at the present robot
     rank_anywhere: int  # its rank if poses all over the workspace were measured besides, and the same way
-    # how far parameters kept move in the place of those dropped, as far as these may be off, in tolerances, (kept, d)
+    # how far unknowns move in the place of p parameters dropped, as far as these may be off, (12 + P, p), in m and rad
     in_place_of_dropped: FloatArray
     ladle: LadleUncertainty  # over the workspace
     ladle_measured: LadleUncertainty  # in the training rows

@@ -97,8 +97,8 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
     learnt = float(fit.learnt[kept].sum())
     if not (learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < FALSE_ALARMS):
         return 1.0
-    prior, moved = fit.prior_std[kept], calibration.in_place_of_dropped
-    scatter = np.eye(len(lines)) - fit.covariance[kept, kept] / np.outer(prior, prior) + moved @ moved.T
+    prior, moved = fit.prior_std[kept], calibration.in_place_of_dropped[kept]
+    scatter = np.eye(len(lines)) + (moved @ moved.T - fit.covariance[kept, kept]) / np.outer(prior, prior)
     mean, scale = float(np.trace(scatter)), float(np.square(scatter).sum() / np.trace(scatter))
     explained = moved.any() and scipy.special.chdtrc(mean / scale, squared / scale) >= FALSE_ALARMS
     return 1.0 if explained else math.sqrt(squared / learnt)
