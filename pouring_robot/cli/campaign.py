@@ -235,7 +235,7 @@ def simulate(
     if position_only and noise_mrad is not None:
         raise BadInputError("give --noise-mrad or --position-only, not both: without rotations they have no noise")
     check_table_name(out)
-    options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
+    options.refuse_targets([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
     present = which.built(under=True)
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     standing = under.of(present, poses.given(present.model.definition))

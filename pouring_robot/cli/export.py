@@ -38,7 +38,7 @@ def export(
     built = present.model
     closed = ClosedRobot.of(built, commanded.of(present) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
-    options.refuse_present([file for file in files if file.exists()])
+    options.refuse_targets([file for file in files if file.exists()])
     options.print_written(reversed(options.write_all(files)))
     result, off_m = closed.result, closed.over_workspace() if form == "urdf" else None
     options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")

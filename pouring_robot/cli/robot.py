@@ -36,7 +36,7 @@ def init(
     from pouring_robot.robot.description.first_file import first_robot, loops_beside
 
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
-    options.refuse_present([path])
+    options.refuse_targets([path])
     mappings = options.by_name("--mapping", mapping, "dof=6")
     text, found = first_robot(urdf, path, mappings)  # whatever does not load is refused before a file is written
     options.write_all({path: text})

@@ -5,7 +5,7 @@
     plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
 
 The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
-:mod:`~pouring_robot.design.plan_rows` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
+:mod:`~pouring_robot.estimation.identifiability` for the indices, :mod:`~pouring_robot.design.exchange` for the search.
 Everything is linear in the unknowns, about the given model; effects of the conditions are the simple columns of
 :mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
 """

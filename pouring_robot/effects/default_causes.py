@@ -10,7 +10,15 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import turn_to
-from pouring_robot.robot.description.cause_types import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
+from pouring_robot.robot.description.cause_types import (
+    AMBIENT,
+    METROLOGY_SCALE,
+    AxisTilt,
+    CauseEntry,
+    Causes,
+    Placements,
+    Thermometers,
+)
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
@@ -157,7 +165,7 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
         story = "the beam that carries the base sinks under it and leans with the slope of its deflection"
         yield CauseEntry("base_deflection", "deflection", story, {"travel": f"{travel}_m", "weight_n": 1000.0})
     yield CauseEntry("base_drift", "base_drift", "the base creeps away from where it stood when the campaign began")
-    yield CauseEntry("metrology_scale", "metrology_scale", "the measuring device's millimetre is not a millimetre")
+    yield METROLOGY_SCALE
     story = "base or device stand elsewhere in some sessions than in others"
     yield CauseEntry("session_offset", "session_offset", story)
 

@@ -32,6 +32,7 @@ from pouring_robot.robot.description.urdf import carriers, parsed, perturb_urdf
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.pouring.names import DEFAULT_LAYOUT
 
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
@@ -88,7 +89,7 @@ class RobotModel(StrictModel):
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
     description: str = ""  # a line for people
     robot: str | None = None  # robot file of another robot than the pouring robot
-    layout: str = "paper"  # name of the pouring robot's layout in the dimensions file
+    layout: str = DEFAULT_LAYOUT  # name of the pouring robot's layout in the dimensions file
     layouts_file: str | None = None  # another dimensions file than the shipped one
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
     drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)  # added to commands

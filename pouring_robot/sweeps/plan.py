@@ -258,7 +258,7 @@ def _model(config: SweepConfig) -> RobotModel:
         return RobotModel.load(config.beside(config.model))
     if config.robot:
         return RobotModel.for_robot(config.beside(config.robot))
-    return RobotModel(layout=config.layout or "paper")
+    return RobotModel(layout=config.layout) if config.layout else RobotModel()
 
 
 def _digest(content: bytes) -> str:

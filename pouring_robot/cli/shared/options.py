@@ -101,7 +101,7 @@ def writes(help: str, metavar: str = "FILE", check: Callable[[Path], None] = lam
             check(path)
             files = context.meta.setdefault(_OUTPUTS, [])
             files.append(path)
-            refuse_present(files)
+            refuse_targets(files)
         return path
 
     _WRITES.add(new)
@@ -127,7 +127,7 @@ def results_folder(*files: str, what: str = "") -> Any:
     def fresh(folder: Path | None) -> Path | None:
         if folder is not None:
             check_folder(folder)
-            refuse_present([folder / name for name in files] if folder.exists() else [])
+            refuse_targets([folder / name for name in files] if folder.exists() else [])
         return folder
 
     _WRITES.add(fresh)
@@ -152,7 +152,7 @@ def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
     return value
 
 
-def refuse_present(files: Iterable[Path]) -> None:
+def refuse_targets(files: Iterable[Path]) -> None:
     """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
     check_outputs(list(files), overwrite=OVERWRITE.get())
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.estimation.changes import SCALE
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, component_unit
@@ -87,10 +88,10 @@ class MetrologyScale(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Constant, or by the temperature of the air where that is known: its index changes by 1e-6 a kelvin."""
         ppm = 1e-6 * np.ones(len(conditions))
-        constant = EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})
+        constant = EffectParameter("scale", "1e-6", 100.0, {SCALE: ppm})
         if "ambient" not in conditions.rises:
             return (Form("constant", (constant,)),)
         change = ppm * (conditions.rises["ambient"] - conditions.mean_rise_k("ambient"))
-        air = EffectParameter("scale_by_air", "1e-6/K", 3.0, {"metrology.scale": change})
+        air = EffectParameter("scale_by_air", "1e-6/K", 3.0, {SCALE: change})
         forms = {"constant": (constant, replace(air, main=False)), "air": (air, replace(constant, main=False))}
         return tuple(Form(name, parameters) for name, parameters in forms.items())

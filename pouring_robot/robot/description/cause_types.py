@@ -113,6 +113,9 @@ class Causes:
         return tuple(member for t in self.thermometers if own & {*t.members} for member in t.members)
 
 
+METROLOGY_SCALE = CauseEntry(
+    "metrology_scale", "metrology_scale", "the measuring device's millimetre is not a millimetre"
+)
 AMBIENT = Thermometers(
     "ambient",
     "hall temperature",

@@ -2,6 +2,7 @@
 
 from pouring_robot.robot.description.cause_types import (
     AMBIENT,
+    METROLOGY_SCALE,
     AxisTilt,
     CauseEntry,
     Causes,
@@ -97,7 +98,7 @@ CAUSES = Causes(
             "the disc of the tilt encoder sits off centre",
             {"drives": _TILT, "sizes": (1.0, 0.25)},
         ),
-        CauseEntry("metrology_scale", "metrology_scale", "the measuring device's millimetre is not a millimetre"),
+        METROLOGY_SCALE,
     ),
     placements=Placements(
         centres=_PLATFORMS,

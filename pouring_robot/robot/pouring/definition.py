@@ -15,7 +15,15 @@ from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.pouring.causes import CAUSES
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout, render_urdf
-from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, INNER_JOINTS, LEGS, SETS
+from pouring_robot.robot.pouring.names import (
+    DEFAULT_LAYOUT,
+    DRIVE_SYMBOLS,
+    DRIVE_WORDS,
+    GROUPS,
+    INNER_JOINTS,
+    LEGS,
+    SETS,
+)
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
@@ -31,7 +39,7 @@ class PouringDefinition(RobotDefinition):
     thermometers = expected_thermometers = THERMOMETERS
     tool_words = "the ladle", "the pouring lip"
 
-    def __init__(self, layout: str = "paper", layouts_file: Path | None = None) -> None:
+    def __init__(self, layout: str = DEFAULT_LAYOUT, layouts_file: Path | None = None) -> None:
         self.layout, self.layouts_file = layout, layouts_file
         file, path = _shipped()
         super().__init__(file.model_copy(update={"home": {}}), path)  # which is that of one layout

@@ -25,7 +25,7 @@ from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Layout, LayoutsFile
-from pouring_robot.robot.pouring.names import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS, DEFAULT_LAYOUT
 
 # YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -44,7 +44,7 @@ def layout_names(layouts_file: Path | None = None) -> tuple[str, ...]:
     return tuple(_parse(path, read_text(path)).layouts)
 
 
-def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout:
+def load_layout(name: str = DEFAULT_LAYOUT, layouts_file: Path | None = None) -> Layout:
     """Return one layout of a dimensions file (default: the shipped one)."""
     path = layouts_file or shipped_layouts_file()
     return _layout_in(path, read_text(path), name)
@@ -117,7 +117,7 @@ def stale_mesh_note(name: str, layouts_file: Path | None) -> str | None:
 
 
 def render_urdf(
-    layout: str = "paper", *, chain_order: Sequence[int] = (1, 2, 3, 4), layouts_file: Path | None = None
+    layout: str = DEFAULT_LAYOUT, *, chain_order: Sequence[int] = (1, 2, 3, 4), layouts_file: Path | None = None
 ) -> str:
     """Return the robot's URDF; safe to call from several threads.
 

@@ -1,5 +1,7 @@
 """Names of the pouring robot's parts and of groups of its errors, as URDF, files and the command line have them."""
 
+DEFAULT_LAYOUT = "paper"
+"""Of the dimensions file, where nobody names one."""
 CHAINS = (1, 2, 3, 4)
 LEGS = tuple(f"leg{i}" for i in CHAINS)
 CHAIN_JOINTS = tuple(tuple(f"{leg}_s{k}" for k in range(1, 6)) for leg in LEGS)
