@@ -49,7 +49,7 @@ class HeatSection(StrictModel):
     # until nothing changes any more (steady)
     after_min: Minutes | None = None
     # measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``); it takes the place of
-    # the computed one, but not over a shift, as it is of one moment
+    # the computed one, but not over a shift or at another time than the section's, as it is of one moment
     measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
     # values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)
@@ -106,12 +106,18 @@ class HeatSection(StrictModel):
         return (f"a melt at {melt:g} degC is {odd}",)
 
     def with_values(self, **values: Any) -> Self:
-        """Return the section with some values replaced; raises BadInputError where a value is impossible; names it."""
+        """Return the section with some values replaced; raises BadInputError where a value is impossible; names it.
+
+        What was measured is of one moment, and takes no part at another time.
+        """
         try:
-            return type(self).model_validate(self.model_dump() | values)
+            changed = type(self).model_validate(self.model_dump() | values)
         except pydantic.ValidationError as problem:
             where = ".".join(str(part) for part in problem.errors()[0]["loc"])
             raise BadInputError(f"{where}: {_first_words(problem)}") from problem
+        if changed.after_min == self.after_min or "measured_degC" in values:
+            return changed
+        return changed.model_copy(update={"measured_degC": {}})
 
 
 def _first_words(problem: pydantic.ValidationError) -> str:

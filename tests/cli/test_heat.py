@@ -188,7 +188,7 @@ def test_flags_go_over_the_model_file(run, tmp_path):
     hot = ["pose", *AT, "--model", "hot.yaml", "--json"]
     as_told, changed = (json.loads(run(*hot, *more)[1])["heat"] for more in ([], ["--melt-degC", "1700", "--steady"]))
     assert (as_told["melt_degC"], as_told["after_min"]) == (pytest.approx(1650.0), 45.0)
-    assert as_told["measured_degC"] == changed["measured_degC"] == {"leg1": 210.5}
+    assert (as_told["measured_degC"], changed["measured_degC"]) == ({"leg1": 210.5}, {})
     assert as_told["leg_strain"][0] == pytest.approx(1.2e-5 * 190.5)
     assert (changed["melt_degC"], changed["after_min"]) == (pytest.approx(1700.0), None)
     assert "heat" not in json.loads(run(*hot, "--cold")[1])
@@ -553,6 +553,17 @@ def test_what_was_measured_at_one_moment_takes_no_part_in_a_shift(run, tmp_path)
     assert note in " ".join(run("thermal", "--history", "h.csv", *AT, "--model", "hot.yaml")[1].split())
     held = json.loads(run("thermal", *AT, "--model", "hot.yaml", "--json")[1])
     assert held["measured_degC"] == {"leg1": 210.5} and "take the place of computed ones" in held["notes"][0]
+
+
+def test_what_was_measured_at_one_moment_takes_no_part_at_another(run, tmp_path):
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    (tmp_path / "bare.yaml").write_text(HEAT.replace("{leg1: 210.5}", "{}"), encoding="utf-8")
+    note = "note: measured temperatures of the model file are of another time and take no part: leg1\n"
+    for command in ("pose", "compensate", "thermal"):
+        told, bare = (run(command, *AT, "--model", m, "--after-min", "1", "--json") for m in ("hot.yaml", "bare.yaml"))
+        assert json.loads(told[1]) == json.loads(bare[1])
+        assert (told[2], bare[2]) == (note, "")
+    assert run("pose", *AT, "--model", "hot.yaml", "--after-min", "45", "--json")[2] == ""
 
 
 def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):

@@ -52,10 +52,17 @@ def test_properties_are_put_over_the_shipped_ones():
 
 
 def test_flags_replace_single_values():
+    section = HeatSection(melt_degC=1650.0, after_min=45.0)
+    assert section.with_values(melt_degC=1700.0, after_min=None) == HeatSection(melt_degC=1700.0)
+
+
+def test_what_was_measured_is_of_one_moment():
     section = HeatSection(melt_degC=1650.0, after_min=45.0, measured_degC={"leg1": 100.0})
-    assert section.with_values(melt_degC=1700.0, after_min=None) == HeatSection(
-        melt_degC=1700.0, measured_degC={"leg1": 100.0}
-    )
+    for same in ({}, {"after_min": 45.0}, {"ambient_degC": 25.0}, {"melt_degC": 1700.0}):
+        assert section.with_values(**same).measured_degC == {"leg1": 100.0}
+    for other in ({"after_min": 30.0}, {"after_min": None}):
+        assert section.with_values(**other) == HeatSection(melt_degC=1650.0, **other)
+    assert section.with_values(after_min=30.0, measured_degC={"leg2": 90.0}).measured_degC == {"leg2": 90.0}
 
 
 @pytest.mark.parametrize(

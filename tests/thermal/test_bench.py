@@ -39,3 +39,13 @@ def test_a_melt_of_zero_degrees_is_one(as_built):
     cold = PouringRobot(as_built.model.model_copy(update={"heat": HeatSection(melt_degC=0.0)}))
     bench = PouringBench(cold, cold.location_in_the_middle())
     assert {s["id"]: s["value"] for g in bench.sliders()["groups"] for s in g["sliders"]}["melt_degC"] == 0.0
+
+
+@pytest.mark.filterwarnings("ignore:PouringRobot takes the robot cold")
+def test_what_was_measured_at_one_moment_is_not_that_of_all_times(as_built):
+    values = {**POSE, "melt_degC": 1550.0, "after_min": 1.0}
+    told = HeatSection(melt_degC=1550.0, after_min=45.0, measured_degC={"leg1": 210.0})
+    robot = PouringRobot(as_built.model.model_copy(update={"heat": told}))
+    found = ask(PouringBench(robot, robot.location_in_the_middle()), values, settled=True)
+    heated = HeatedRobot(as_built, HeatSection(melt_degC=1550.0, after_min=1.0))
+    check(found, heated.locate(PlatformPose.from_mm_deg(*POSE.values())).location)

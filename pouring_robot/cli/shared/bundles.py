@@ -255,8 +255,12 @@ class Melt:
         options.with_melt(robot)
         if self.steady:
             given["after_min"] = None
-        section = (robot.model.heat or HeatSection()).with_values(**given)
+        told = robot.model.heat or HeatSection()
+        section = told.with_values(**given)
         options.note(*section.cautions)
+        if told.measured_degC and not section.measured_degC:
+            parts = ", ".join(told.measured_degC)
+            options.note(f"measured temperatures of the model file are of another time and take no part: {parts}")
         return section
 
 
