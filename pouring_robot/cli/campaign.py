@@ -256,6 +256,7 @@ def simulate(
     if truth:
         files[truth] = measured.truth_text(which.model).encode()
     options.write_all(files)
+    options.print_notes(standing.notes if standing else ())
     options.print_written(files)
 
 

@@ -178,7 +178,9 @@ class RobotUnderConditions:
         drives = self.robot.commands_of(drives)
         if not self.robot.model.conditional or not len(drives):
             return np.zeros(len(drives))
-        return self._changes(drives, seen=True)[0].scale
+        changes, _, untold, beyond = self._changes(drives, seen=True)
+        self.notes = (*beyond.values(), *untold)
+        return changes.scale
 
     def _changes(
         self, drives: FloatArray, *, seen: bool

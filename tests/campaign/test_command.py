@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from pouring_robot.cli.app import main
-from tests.support import ACTUAL
+from tests.support import ACTUAL, ROOT
 
 
 def simulate(folder, *more, name="c.csv"):
@@ -33,6 +33,18 @@ def test_simulate_and_check(tmp_path, capsys):
     assert figures["outlier_rows"] == hidden["outliers"]
     assert figures["rows"] == 40
     assert figures["ranges"]["q1"]["unit"] == "mm"
+
+
+@pytest.mark.parametrize("load", ["400", "4000"])
+def test_says_of_conditions_what_path_says(tmp_path, capsys, load):
+    plan, model = tmp_path / "plan.csv", ["--model", str(ROOT / "examples" / "learned.yaml")]
+    plan.write_text(f"x_mm,y_mm,z_mm,tilt_deg,payload_kg\n-100,20,-600,17,{load}\n", encoding="utf-8")
+    told, out = [], ["--out", str(tmp_path / "c.csv")]
+    for command in (["path"], ["campaign", "simulate", *out, "--plan"]):
+        assert main([*command, str(plan), *model]) == 0
+        told.append([line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")])
+    beyond = ["note: payload_kg 4000 lies beyond 143.3 to 510, over which effects were learned"]
+    assert told[1] == told[0] == (beyond if load == "4000" else [])
 
 
 def test_sessions_that_are_not_listed_are_counted(tmp_path, capsys):
