@@ -345,15 +345,20 @@ class DiagnosisError(DataError):
 
 
 class MissingConditionsError(BadInputError):
-    """A model's effect depends on conditions that nobody gave: columns, or keys of a campaign's YAML."""
+    """A model's effect depends on conditions that nobody gave: columns, or keys of a campaign's YAML.
 
-    def __init__(self, effect: str, headings: Sequence[str], instead: Sequence[str] = ()) -> None:
-        self.effect, self.headings = effect, tuple(headings)
-        first = self.headings[0]
-        # in words; what drives carry does instead of the load
-        self.needed = ", ".join(headings) + (f" (or, for the load, {', '.join(instead)})" if instead else "")
+    ``headings`` are all that are missing, for ``others`` of its effects, too; ``problem`` is that without the mend.
+    """
+
+    def __init__(
+        self, effect: str, headings: Sequence[str], instead: Sequence[str] = (), others: Sequence[str] = ()
+    ) -> None:
+        self.effect, self.headings, self.instead, self.others = effect, tuple(headings), tuple(instead), tuple(others)
+        first, names = self.headings[0], "', '".join((effect, *others))
+        needed = ", ".join(headings) + (f" (or, for the load, {', '.join(instead)})" if instead else "")
+        self.problem = f"the model's effect{'s' if others else ''} '{names}' need{'' if others else 's'} {needed}"
         super().__init__(
-            f"the model's effect '{effect}' needs {self.needed}: give it as a column of that name beside the "
+            f"{self.problem}: give it as a column of that name beside the "
             f"poses, or for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
         )
 

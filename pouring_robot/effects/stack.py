@@ -50,11 +50,11 @@ def stack_of(
     campaign count them. ``seen``: with what does not move the robot but what is seen of it.
 
     Raises:
-        MissingConditionsError: an effect needs one that is not given.
+        MissingConditionsError: effects need some that are not given.
         BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
     """
     parameters, values, untold = list[EffectParameter](), list[float](), dict[str, None]()
-    known, given, counted = all_effects(model.definition), told(campaign), dict[str, Conditions]()
+    known, counted, lacking = all_effects(model.definition), dict[str, Conditions](), list[MissingConditionsError]()
     for entry in model.effects:
         if entry.placed:
             continue
@@ -63,45 +63,66 @@ def stack_of(
             raise model.fault(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
         if not (effect.moves_robot or seen):
             continue
-        learned = model.learned.get(entry.learned)
         if entry.learned not in counted:
-            counted[entry.learned] = conditions(campaign, nominal, learned)
+            counted[entry.learned] = conditions(campaign, nominal, model.learned.get(entry.learned))
         rows = counted[entry.learned]
-        lost = [heading for heading in learned.ranges if heading not in given] if learned else []
-        unsaid, instead = _unsaid(effect, model.definition, given, lost)
-        missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *unsaid)))
-        warmed = effect.driven_by.endswith(RISE)
-        thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
-        if thermometers and missing and not {*missing} & {*lost}:
-            missing = thermometers  # any would do where it was learned: those that were there
-        if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
-            needed = [h for h in missing if not learned or "." not in h] or missing
-            raise _lacking(model, entry, needed, instead)
         try:
-            form = {p.name: p for p in effect.form(entry.form, rows).parameters}
-        except BadInputError as problem:
-            if thermometers:  # a form is by all of those that there were
-                raise MissingConditionsError(entry.effect, thermometers) from problem
-            raise model.fault(str(problem)) from problem
-        for name, parameter in entry.parameters.items():
-            if name not in form and (unheard := _sides_of(name, effect, entry, rows, campaign) or lost):
-                raise MissingConditionsError(entry.effect, unheard)
-            if name not in form:
-                said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
-                raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
-            if parameter.unit != form[name].unit:
-                said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
-                raise model.fault(f"{said}; it must be in '{form[name].unit}'")
-            if parameter.value and not _is_known(form[name]):
-                some = replace(rows, session=np.full_like(rows.session, -1))
-                by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
-                raise _lacking(model, entry, ("session" if by_session else "time_s",))
-            parameters.append(form[name])
-            values.append(parameter.value)
+            parameters += _parameters_of(model, entry, effect, rows, campaign)
+        except MissingConditionsError as problem:
+            lacking.append(problem)
+            continue
+        values += [parameter.value for parameter in entry.parameters.values()]
         for part, count in effect.untold(rows).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
             untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
+    if lacking:
+        raise _together(lacking)
     return local_changes(parameters, values), tuple(untold)
+
+
+def _parameters_of(
+    model: RobotModel, entry: EffectEntry, effect: Effect, rows: Conditions, campaign: Campaign
+) -> list[EffectParameter]:
+    """Return what the parameters of an entry change in rows, in its order."""
+    learned, given = model.learned.get(entry.learned), told(campaign)
+    lost = [heading for heading in learned.ranges if heading not in given] if learned else []
+    unsaid, instead = _unsaid(effect, model.definition, given, lost)
+    missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *unsaid)))
+    warmed = effect.driven_by.endswith(RISE)
+    thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
+    if thermometers and missing and not {*missing} & {*lost}:
+        missing = thermometers  # any would do where it was learned: those that were there
+    if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
+        needed = [h for h in missing if not learned or "." not in h] or missing
+        raise _lacking(model, entry, needed, instead)
+    try:
+        form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+    except BadInputError as problem:
+        if thermometers:  # a form is by all of those that there were
+            raise MissingConditionsError(entry.effect, thermometers) from problem
+        raise model.fault(str(problem)) from problem
+    for name, parameter in entry.parameters.items():
+        if name not in form and (unheard := _sides_of(name, effect, entry, rows, campaign) or lost):
+            raise MissingConditionsError(entry.effect, unheard)
+        if name not in form:
+            said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
+            raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
+        if parameter.unit != form[name].unit:
+            said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
+            raise model.fault(f"{said}; it must be in '{form[name].unit}'")
+        if parameter.value and not _is_known(form[name]):
+            some = replace(rows, session=np.full_like(rows.session, -1))
+            by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
+            raise _lacking(model, entry, ("session" if by_session else "time_s",))
+    return [form[name] for name in entry.parameters]
+
+
+def _together(lacking: Sequence[MissingConditionsError]) -> MissingConditionsError:
+    """Return what to raise of all effects that need more: what would do for one instead of the load must do for all."""
+    effects = dict.fromkeys(problem.effect for problem in lacking)
+    headings = dict.fromkeys(heading for problem in lacking for heading in problem.headings)
+    instead = min((problem.instead for problem in lacking if LOAD in problem.headings), key=len, default=())
+    return MissingConditionsError(next(iter(effects)), [*headings], instead, [*effects][1:])
 
 
 def _lacking(
@@ -137,7 +158,7 @@ def changes_by_stack(
         local, untold = stack_of(model, campaign, nominal)
     except MissingConditionsError as problem:
         raise refusal(
-            f"the model's effect '{problem.effect}' needs {problem.needed}, and the campaign does not say it",
+            f"{problem.problem}, and the campaign does not say it",
             "add it to the campaign, or take the effect out of the model file",
         ) from problem
     return RowChanges.of(local, structure, len(campaign)), untold

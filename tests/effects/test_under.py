@@ -243,6 +243,26 @@ def test_what_is_missing_is_named_with_how_to_give_it(bench, rng, name, lost):
     assert "\n" not in str(problem.value)
 
 
+def test_what_several_effects_miss_is_asked_for_at_once(bench, rng):
+    """What each by itself asks for, and a load that one of them needs is not to be had by forces."""
+    rows, kinds = rows_of(bench.campaign, RobotModel()), ("tilt_drive_compliance", "base_drift", "truss_deflection")
+    entries = [entry_of(EFFECTS[name], rows.conditions, rng, -1) for name in kinds]
+    asked, moved = [], list(bench.campaign.drives)
+    for some in (*([entry] for entry in entries), entries):
+        with pytest.raises(MissingConditionsError) as problem:
+            robots_under(model_with(rows, *some), moved, {})
+        asked.append(problem.value)
+    *each, together = asked
+    assert {*together.headings} == {heading for one in each for heading in one.headings}
+    assert len(together.headings) == len({*together.headings}) > max(len(one.headings) for one in each)
+    assert (together.effect, *together.others) == kinds
+    first, second, third = kinds
+    begin = f"the model's effects '{first}', '{second}', '{third}' need {', '.join(together.headings)}: give it"
+    assert str(together).startswith(begin)
+    given = {name: values for name, values in given_of(bench.campaign).items() if name in together.headings}
+    assert len(robots_under(model_with(rows, *entries), moved, given)) == len(moved)
+
+
 def test_lags_need_the_time_of_many_rows_only(bench, rng):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, entry_of(EFFECTS["leg_thermal_expansion"], rows.conditions, rng))
