@@ -113,8 +113,8 @@ def simulate_campaign(
 
     ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
     on the conditions of the plan. ``scale`` is the relative error of the tracker's scale, a number or one a pose, (n,):
-    positions come 1 + scale times as far from its own origin. No robot has it: where a model does, it is
-    ``RobotUnderConditions(robot, …).scale(plan.drives)``.
+    positions come 1 + scale times as far from its own origin. No robot has it: where a model does, both are what
+    ``RobotUnderConditions(robot, …).seen(plan.drives)`` returns.
 
     Raises:
         BadInputError: there is no robot or plan, options or path are none, the model has effects that depend on

@@ -239,7 +239,7 @@ def simulate(
     present = which.built(under=True)
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     standing = under.of(present, poses.given(present.model.definition))
-    robots, scale = (None, 0.0) if standing is None else (standing.robots(poses.drives), standing.scale(poses.drives))
+    robots, scale = (None, 0.0) if standing is None else standing.seen(poses.drives)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * MM,
         sigma_rotation_rad=None if position_only else MRAD * (SIGMA_MRAD if noise_mrad is None else noise_mrad),

@@ -150,46 +150,29 @@ class RobotUnderConditions:
         """Return the robot as it stands at each command: drives (n, drives), in m and rad.
 
         Raises:
-            MissingConditionsError: an effect needs a condition that is not given.
+            MissingConditionsError: effects need conditions that are not given.
             BadInputError: there are not as many values of a condition as commands, or drives are none.
             NoSolutionError: the drawing does not close at a command.
         """
-        drives = self.robot.commands_of(drives)
-        if not self.robot.model.conditional or not len(drives):
-            return [self.robot] * len(drives)
-        changes, sites, untold, beyond = self._changes(drives, seen=False)
+        robots, _ = self._at(drives, seen=False)
         known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
         still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)
-        self.notes = (*beyond.values(), *still, *untold)
-        try:
-            return [self._standing(changes, k, sites) for k in range(len(drives))]
-        except TooLargeError as problem:
-            if far := self._far_out(drives, beyond):  # no unit is wrong
-                mend = "stay within that, or measure there and diagnose again"
-                raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
-            raise
+        self.notes = (*self.notes, *still)
+        return robots
 
-    def scale(self, drives: ArrayLike) -> FloatArray:
-        """Return the relative error of the measuring device's scale at each command, (n,), by drives (n, drives).
+    def seen(self, drives: ArrayLike) -> tuple[list[Robot], FloatArray]:
+        """Return :meth:`robots`, and the relative error of the measuring device's scale at each command, (n,).
 
         It moves no robot, but what is measured of it: positions count 1 + scale times about the device's own origin, as
         :meth:`OuterFrames.seen` has it. Raises as :meth:`robots`.
         """
-        drives = self.robot.commands_of(drives)
+        return self._at(drives, seen=True)
+
+    def _at(self, drives: ArrayLike, *, seen: bool) -> tuple[list[Robot], FloatArray]:
+        """Return robot and device's scale at each command; with what is wrong with the device where ``seen``."""
+        drives, self.notes = self.robot.commands_of(drives), ()
         if not self.robot.model.conditional or not len(drives):
-            return np.zeros(len(drives))
-        changes, _, untold, beyond = self._changes(drives, seen=True)
-        self.notes = (*beyond.values(), *untold)
-        return changes.scale
-
-    def _changes(
-        self, drives: FloatArray, *, seen: bool
-    ) -> tuple[RowChanges, Sequence[str], tuple[str, ...], dict[str, str]]:
-        """Return what effects change at commands (n, drives), the joints of its sites, and the notes on it.
-
-        ``seen``: of the measuring device, too. The notes are what was not told, and by heading what lies beyond what
-        was learned.
-        """
+            return [self.robot] * len(drives), np.zeros(len(drives))
         campaign = self._rows(drives)
         engine = engine_for(self.robot.nominal_solver.mechanism)
         closure = engine.close(drives, self.robot.drawing.starts(drives))
@@ -198,8 +181,15 @@ class RobotUnderConditions:
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
         local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=seen)
-        changes = RowChanges.of(local, engine.structure, len(drives))
-        return changes, engine.structure.site_joints, untold, self._beyond(told(campaign))
+        changes, beyond = RowChanges.of(local, engine.structure, len(drives)), self._beyond(told(campaign))
+        self.notes = (*beyond.values(), *untold)
+        try:
+            return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))], changes.scale
+        except TooLargeError as problem:
+            if far := self._far_out(drives, beyond):  # no unit is wrong
+                mend = "stay within that, or measure there and diagnose again"
+                raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
+            raise
 
     def idle(self, drives: ArrayLike) -> tuple[str, ...]:
         """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""

@@ -196,6 +196,21 @@ def test_the_measuring_device_moves_no_robot(bench):
     assert under.notes == ("metrology_scale moves no robot: it is of the measuring device",)
 
 
+def test_a_device_that_is_wrong_sees_the_robots_by_its_scale(bench, rng):
+    """The robots are those without it, and its scale that of its form: so many millionths a kelvin of the air."""
+    rows = rows_of(bench.campaign, RobotModel())
+    air = {"scale_by_air": ParameterEntry(value=20.0, unit="1e-6/K")}
+    device = EffectEntry(effect="metrology_scale", form="air", learned="bench", parameters=air)
+    model = model_with(rows, entry_of(EFFECTS["base_drift"], rows.conditions, rng, -1), device)
+    drives, given = bench.campaign.drives[:3], {"time_s": [3e3, 4e3, 5e3], "session": bench.campaign.sessions[0]}
+    under = RobotUnderConditions(model, given | {"ambient_degC": [18.0, 21.0, 30.0]})
+    robots, scale = under.seen(drives)
+    assert not [note for note in under.notes if "moves no robot" in note]
+    assert [robot.model for robot in robots] == [robot.model for robot in under.robots(drives)]
+    mean = np.mean(bench.campaign.conditions["ambient"])
+    np.testing.assert_allclose(scale, 20e-6 * (np.array([18.0, 21.0, 30.0]) - mean), rtol=1e-9)
+
+
 def test_sides_of_approach_follow_from_the_order(bench):
     rows = rows_of(bench.campaign, RobotModel())
     play = {"l1_play": ParameterEntry(value=0.2, unit="mm")}
