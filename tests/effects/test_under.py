@@ -209,6 +209,9 @@ def test_a_device_that_is_wrong_sees_the_robots_by_its_scale(bench, rng):
     assert [robot.model for robot in robots] == [robot.model for robot in under.robots(drives)]
     mean = np.mean(bench.campaign.conditions["ambient"])
     np.testing.assert_allclose(scale, 20e-6 * (np.array([18.0, 21.0, 30.0]) - mean), rtol=1e-9)
+    with pytest.raises(MissingConditionsError) as problem:
+        RobotUnderConditions(model, {}).seen(drives)
+    assert problem.value.headings == ("time_s", "ambient_degC"), "what it goes by is asked for with what robots do"
 
 
 def test_sides_of_approach_follow_from_the_order(bench):

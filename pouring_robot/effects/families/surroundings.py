@@ -82,6 +82,7 @@ def _from_mean(session: Indices, count: int, fitted: BoolArray) -> FloatArray:
 class MetrologyScale(Family):
     """The measuring device's scale is wrong."""
 
+    shaped_by = ("ambient_rise_k",)
     moves_robot = False
     told_apart_by = "measure a calibrated length with the same device"
 
