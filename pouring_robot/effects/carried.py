@@ -16,7 +16,7 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
     """Return of every joint, fixed and moving, the link it stands on and its placement in that link."""
     model = robot.mechanism().shared_model
     found: dict[str, tuple[str, pin.SE3]] = {}
-    for frame in model.frames:
+    for frame in model.frames[1:]:  # the first stands for the world, and on nothing
         if frame.type not in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             continue
         link = model.frames[frame.parentFrame]

@@ -18,6 +18,7 @@ from pouring_robot import (
     simulate_campaign,
 )
 from pouring_robot.batch import engine_for
+from pouring_robot.cli.app import main
 from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
@@ -31,7 +32,8 @@ from pouring_robot.exceptions import (
     UnsettledCommandsError,
 )
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
-from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
+from pouring_robot.io.units import joint_shown_in
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.thermal.expansion.warm_pouring_robot import drawing_of
@@ -124,6 +126,26 @@ def moved_base(model):
 def test_a_base_that_moves_takes_any_robot_along(machine):
     found, there = moved_base(RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml"))
     np.testing.assert_allclose(found, there, atol=1e-9)
+
+
+@pytest.mark.parametrize("machine", [*sorted(MACHINES), None])
+def test_what_a_moving_base_takes_along_is_a_robot_as_any_other(tmp_path, capsys, machine):
+    """It can be saved and read again, and nothing is said that its model file does not displace."""
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml") if machine else RobotModel()
+    moved = {"tx": ParameterEntry(value=2.0, unit="mm")}
+    entry = EffectEntry(effect="base_drift", form="steady", learned="here", parameters=moved)
+    said = {"ranges": {"time_s": (0.0, 1000.0)}, "sessions": {"1": 9}, "reference_temperature_degC": 20.0}
+    learned = LearnedCampaign(mean_span_m=[0.5] * len(model.definition.drives), **said)
+    model.model_copy(update={"effects": [entry], "learned": {"here": learned}}).save(tmp_path / "taught.yaml")
+    home = model.definition.home_drives if machine else np.array([0.6, 0.6, 0.75, 0.1])
+    (robot,) = RobotUnderConditions(tmp_path / "taught.yaml", {"time_s": 900.0}).robots([home])
+    robot.model.model_copy(update={"effects": [], "learned": {}}).save(tmp_path / "standing.yaml")
+    again = robot_of(RobotModel.load(tmp_path / "standing.yaml")).location_at(home).difference()
+    assert again.translation_m == pytest.approx([0.8e-3, 0.0, 0.0], abs=1e-7)
+    shown = [value / joint_shown_in(drive.unit)[1] for drive, value in zip(model.definition.drives, home, strict=True)]
+    wanted = ["pose", "--model", str(tmp_path / "taught.yaml"), "--condition", "time_s=900", "--drives"]
+    assert main([*wanted, " ".join(map(str, shown))]) == 0
+    assert "displacing" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("base", "end"), [("base", "tool0"), ("tool0", "base"), (BASE_JOINT, "tool0")])

@@ -31,7 +31,7 @@ def pose(
     found, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
-    notes = locations.location_notes(found, drawing, which.model)
+    notes = locations.location_notes(built, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(built, given))
     drawn, unlike_the_tree = drawing.files([location], built.model, warm=heated is not None)
     notes += unlike_the_tree
