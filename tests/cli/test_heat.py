@@ -142,6 +142,12 @@ def test_no_melt_is_said_to_warm_a_robot_that_has_none(run, tmp_path):
     assert (code, "depends on ambient_degC" in err, "--ambient-degC" in err) == (0, True, False)
 
 
+@pytest.mark.parametrize("more", [[], AT, ["--under", "heat"], ["--every-min", "5"]])
+def test_a_robot_without_melt_is_asked_for_no_pose(run, more):
+    code, _, err = run("thermal", "--robot", ROOT / "examples" / "robots" / "arm" / "robot.yaml", *more)
+    assert code == 2 and "the pouring robot's melt, which arm does not have" in err
+
+
 def test_a_leg_is_said_to_grow_by_what_the_closure_adds_to_it(run):
     """The closed robot's warm joint values less the commands."""
     code, out, err = run("thermal", *AT, "--json")

@@ -118,8 +118,8 @@ def thermal(
     from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing
 
-    _check(at_mm, tilt_deg, history, every_min, melt, moved, html)
     ladle = options.with_melt(which.built(warm=True))
+    _check(at_mm, tilt_deg, history, every_min, melt, moved, html)
     heat = melt.of(ladle) or HeatSection()
     pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
     heated = heated_drawing(ladle, heat, radiation=not conduction_only)
