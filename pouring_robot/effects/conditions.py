@@ -176,15 +176,17 @@ class Conditions:
     def learned_share(self, drive: Drive, shortest_rad: float) -> FloatArray:
         """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
 
-        Beyond the arcs of a turn that these lie in they fade out over a quarter of the shortest: samples tell a wave if
-        they lie no further apart than half of it (Shannon 1949).
+        Beyond the arcs of a turn that these lie in, and between two that are far apart, they fade out over a quarter of
+        the shortest: samples tell a wave if they lie no further apart than half of it (Shannon 1949).
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:
             return np.ones(len(self))
         angles, (first, last) = self.drives[:, self.places((drive,))], np.array(arcs).T
-        beyond = (angles - first) % _TURN - (last - first)
-        apart = np.where(beyond <= 0.0, 0.0, np.minimum(beyond, (first - angles) % _TURN)).min(axis=1)
+        behind = ((angles - first) % _TURN - (last - first)).min(axis=1)
+        ahead = ((first - angles) % _TURN).min(axis=1)
+        within = (behind <= 0.0) | (behind + ahead <= _ARC_GAP)
+        apart = np.where(within, 0.0, np.minimum(behind, ahead))
         return np.asarray(np.maximum(1.0 - apart / (0.25 * shortest_rad), 0.0))
 
     def value(self, name: str) -> Any:

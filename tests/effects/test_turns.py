@@ -76,6 +76,19 @@ def test_a_wave_taught_at_angles_at_random_is_whole_between_them(rng):
     assert notes == ()
 
 
+def test_arcs_of_a_file_that_are_near_each_other_are_one(rng):
+    """As files have them from when angles a degree apart were two: whole between, if no further than 15 degrees."""
+    seen = rng.uniform(-3.0, 3.0, 150)
+    angles = rng.uniform(-2.9, 2.9, 200)
+    offsets, notes = seen_by(taught({JOINT.joint: [(angle, angle) for angle in seen.tolist()]}), angles)
+    np.testing.assert_allclose(offsets, SINE * np.sin(angles), rtol=0.0, atol=1e-12)
+    assert notes == ()
+    for degrees, share in ((14.9, 1.0), (15.1, 0.0)):
+        gap = np.radians(degrees)
+        model = taught({JOINT.joint: [(-1.0, 0.5 - gap / 2.0), (0.5 + gap / 2.0, 2.0)]})
+        assert seen_by(model, np.array([0.5]))[0] == pytest.approx(share * SINE * np.sin(0.5), abs=1e-12)
+
+
 def test_a_wave_is_whole_where_it_was_seen_and_fades_over_a_quarter_of_the_shortest(rng):
     """Angles are the same after whole turns."""
     seen = np.linspace(-0.4, 1.2, 400)
