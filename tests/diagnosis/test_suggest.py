@@ -1,6 +1,7 @@
 """What to measure next: the worth of a set is what closed forms say, and measuring it does tell the effects apart."""
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
@@ -123,11 +124,22 @@ def test_first_choice_is_the_best_single_measurement():
     assert found.chosen[0] == int(np.argmax(worth))
 
 
+@pytest.fixture(scope="module")
+def trapped(tmp_path_factory):
+    """Return the machine of a trap, and the diagnosis of what is measured in it, which is made once."""
+
+    @functools.cache
+    def of(trap):
+        machine = Machine(TRAPS[trap][0], "a", trap)
+        return machine, diagnose(machine.measured(tmp_path_factory.mktemp(trap)))
+
+    return of
+
+
 @pytest.mark.parametrize("trap", TRAPS)
-def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, tmp_path):
+def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, trapped, tmp_path):
     effect, words = TRAPS[trap]
-    machine = Machine(effect, "a", trap)
-    before = diagnose(machine.measured(tmp_path / "before"))
+    machine, before = trapped(trap)
     assert before.judgement.verdict == "group"
     cause = before.judgement.causes[0]
     assert effect in {cause.effect, *cause.alternatives}
@@ -149,11 +161,11 @@ def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, tmp_pa
 
 
 @pytest.mark.parametrize("trap", ["constant_temperature", "tilt_held"])
-def test_few_rows_that_tell_much_are_no_gross_errors(trap, tmp_path):
+def test_few_rows_that_tell_much_are_no_gross_errors(trap, trapped, tmp_path):
     """They are far from all that the others foretell; but no other row was measured as they are."""
     effect, _ = TRAPS[trap]
-    machine = Machine(effect, "a", trap)
-    suggested = suggest_measurements(diagnose(machine.measured(tmp_path / "before")), count=4)
+    machine, before = trapped(trap)
+    suggested = suggest_measurements(before, count=4)
     after = diagnose(machine.measured(tmp_path / "after", machine.with_more(suggested.measurements)))
     assert after.left_out.size == 0
     assert [(c.effect, c.alternatives) for c in after.judgement.causes] == [(effect, ())]
@@ -176,8 +188,8 @@ def lead(campaign, noise, effect, rival):
 
 
 @pytest.fixture(scope="module")
-def confounded(tmp_path_factory):
-    return diagnose(Machine("drive_backlash", "a", "one_side").measured(tmp_path_factory.mktemp("one_side")))
+def confounded(trapped):
+    return trapped("one_side")[1]
 
 
 def test_suggestions_can_be_commanded_and_written(confounded):
