@@ -8,11 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.diagnosis.amend import amended as amended_model
+from pouring_robot.diagnosis.disagreement import where_of
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundParameter
 from pouring_robot.diagnosis.remainder import Remainder
 from pouring_robot.diagnosis.suggest.next_measurements import Suggestion, suggest_measurements
+from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -21,6 +23,11 @@ from pouring_robot.robot.model import RobotModel
 
 class Conclusions(Findings):
     """Findings and what follows from them, each worked out once, when it is asked for."""
+
+    @cached_property
+    def where(self) -> Where:
+        """Where the given model and the data disagree."""
+        return where_of(self.diagnoser)
 
     @cached_property
     def moved(self) -> dict[str, FloatArray]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -17,6 +19,7 @@ from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_with
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
+from pouring_robot.diagnosis.disagreement import free_residuals, where_of
 from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.library import Library
@@ -25,8 +28,6 @@ from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.searched import Asked, Searched
 from pouring_robot.diagnosis.suggest.next_measurements import USUAL_COUNT
-from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
-from pouring_robot.diagnosis.where.where import Where, disagreements
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
@@ -40,7 +41,6 @@ from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
-from pouring_robot.inference.processes import sums_of
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.forked import forked
 from pouring_robot.io.given import expect, whole
@@ -174,18 +174,29 @@ def diagnose(
         campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
     asked = work.asked(wrong)
-    with forked(lambda: _where(asked.diagnoser)) as located:  # a core that the search leaves free
+    with _located(asked.diagnoser) as located:
         found = work.without_gross_errors(work.searched(asked)).beside_unknown()
         if found.diagnoser is asked.diagnoser:
-            return work.judged(found, tuple(flags), located)
-    with forked(lambda: _where(found.diagnoser)) as located:
-        return work.judged(found, tuple(flags), located)
+            return located(work.judged(found, tuple(flags)))
+    with _located(found.diagnoser) as located:
+        return located(work.judged(found, tuple(flags)))
 
 
-def _where(diagnoser: Diagnoser) -> Where:
-    """Return where the given model and the data disagree."""
-    rows = diagnoser.rows
-    return disagreements(_free_residuals(diagnoser.at_rest(), rows), rows.conditions, diagnoser.asked.false_names)
+@contextmanager
+def _located(diagnoser: Diagnoser) -> Iterator[Callable[[Diagnosis], Diagnosis]]:
+    """Yield what tells a diagnosis where model and data disagree: a core that the search leaves free works that out.
+
+    Where no other core can, it is left to who asks the diagnosis for it.
+    """
+    here = functools.partial(where_of, diagnoser)
+    with forked(here) as elsewhere:
+
+        def located(diagnosis: Diagnosis) -> Diagnosis:
+            if elsewhere is not here:
+                vars(diagnosis)["where"] = elsewhere()
+            return diagnosis
+
+        yield located
 
 
 @dataclass(frozen=True)
@@ -242,11 +253,12 @@ class _Work:
             found = tried if tried.calm else found
         return found
 
-    def judged(self, found: Searched, flags: tuple[DataFlag, ...], located: Callable[[], Where]) -> Diagnosis:
+    def judged(self, found: Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
         asked, diagnoser = found.asked, found.diagnoser
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
+        free_residuals(before, rows)  # too few are told now, not when somebody asks where they disagree
         misfit = self._doubted(found) or _misfit(rows, before.linear)
         unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
@@ -270,7 +282,6 @@ class _Work:
             diagnoser=diagnoser,
             before=before.alone,
             after=after.alone,
-            where=located(),
             hypothesis=hypothesis,
             judgement=judgement,
             misfit=misfit,
@@ -354,20 +365,6 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
         if kind != "auto":
             raise
         return None, [f"no rows are held out: {problem.problem}"]
-
-
-def _free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
-    linear = before.every_row
-    return FreeResiduals(
-        linear.residual,
-        linear.row,
-        linear.component,
-        linear.sigma,
-        Nuisance.of(linear.free),
-        before.frames.T_tracker_base.rotation,
-        rows.moving_drives(linear, sums_of(linear.row, len(rows))),
-        rows.noise,
-    )
 
 
 def _unsettled(after: LinearState, hypothesis: Hypothesis, thresholds: Thresholds) -> str:

@@ -12,7 +12,6 @@ from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.where.where import Where
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.intervals import Z95, largest_std
 from pouring_robot.estimation.noise import NoiseLevel
@@ -38,7 +37,6 @@ class Findings:
     diagnoser: Diagnoser  # the search
     before: State  # the given model, only its frames fitted
     after: State  # the amended model
-    where: Where  # where it and the data disagree
     hypothesis: Hypothesis  # what explains best
     judgement: Judgement  # what may be said of it
     # why the answer is unknown whatever explains best: what is left is too large for noise, what was found is no

@@ -1,14 +1,18 @@
 """What an answer that is put into the robot is settled beside, what it is held against, and how well it is known."""
 
+import contextlib
+import importlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pouring_robot.diagnosis import conclusions
 from pouring_robot.diagnosis.diagnoser import Diagnoser
 from pouring_robot.estimation.intervals import Z95, deviations95
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.hypotheses import Hypothesis
+from tests.diagnosis.hidden import NOTHING, campaign
 
 
 def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(hot):
@@ -96,3 +100,14 @@ def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeyp
     assert asked[0][0] == ()  # a whole step leaves nothing
     halves = {one: (0.375 * value, 0.125 * value) for one, value in zip(after.parameters, after.values, strict=True)}
     assert {one: pytest.approx(values) for one, values in halves.items()} == new.by_parameter
+
+
+@pytest.mark.parametrize("copied", [False, True])
+def test_where_they_disagree_is_worked_out_beside_the_search_or_when_it_is_asked_for(tmp_path, monkeypatch, copied):
+    module, here = importlib.import_module("pouring_robot.diagnosis.diagnose"), []
+    monkeypatch.setattr(conclusions, "where_of", lambda diagnoser: here.append(diagnoser) or "here")
+    monkeypatch.setattr(module, "forked", lambda work: contextlib.nullcontext((lambda: "there") if copied else work))
+    found = module.diagnose(campaign(tmp_path, NOTHING, rows=12))
+    assert not here
+    assert found.where == found.where == ("there" if copied else "here")
+    assert here == [found.diagnoser] * (not copied)

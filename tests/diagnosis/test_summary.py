@@ -15,7 +15,8 @@ from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import InTurn
-from pouring_robot.diagnosis.diagnose import _free_residuals, _unsettled, diagnose
+from pouring_robot.diagnosis.diagnose import _unsettled, diagnose
+from pouring_robot.diagnosis.disagreement import free_residuals
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundParameter
@@ -421,7 +422,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
 
 
 def test_free_residuals_are_those_of_the_given_model(hot):
-    data = _free_residuals(hot.diagnoser.at_rest(), hot.rows)
+    data = free_residuals(hot.diagnoser.at_rest(), hot.rows)
     np.testing.assert_allclose(data.nuisance.axes.T @ data.nuisance.axes, np.eye(data.nuisance.dof), atol=1e-9)
     # The frames were fitted to the fitted rows; over all rows they absorb little more.
     assert np.linalg.norm(data.cleared) <= np.linalg.norm(data.residual)
@@ -467,10 +468,10 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
 
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
-    stated = _free_residuals(hot.diagnoser.at_rest(), hot.rows)
+    stated = free_residuals(hot.diagnoser.at_rest(), hot.rows)
     assert stated.noise.dof == np.inf
     noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", dof=30.0)})
-    repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
+    repeated = free_residuals(hot.diagnoser.at_rest(), hot.rows.with_noise(noise))
     assert repeated.noise.dof == 30.0
     squares, count = 1.4 * 300.0, 300.0
     assert repeated.p_value(squares, count) > 10.0 * stated.p_value(squares, count)

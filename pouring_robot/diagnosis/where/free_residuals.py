@@ -10,6 +10,7 @@ import numpy as np
 
 from pouring_robot.estimation.kinds import are, kinds_of
 from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, noise_ratio, p_value
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.processes import Channel
 from pouring_robot.io.figures import two_digits
@@ -19,7 +20,11 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 @dataclass(frozen=True, eq=False)
 class FreeResiduals:
-    """Residuals of a model of which only two frames were fitted."""
+    """Residuals of a model of which only two frames were fitted.
+
+    Raises:
+        BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
+    """
 
     residual: FloatArray  # measured minus predicted over the noise, shape (m,)
     row: Indices  # row of each equation, (m,)
@@ -29,6 +34,14 @@ class FreeResiduals:
     axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
     drives: tuple[Channel, ...]  # what a m or rad of each drive does
     noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # what tells ``sigma``; nothing: it is stated
+
+    def __post_init__(self) -> None:
+        m = self.residual.size
+        if not self.row.size == self.component.size == self.sigma.size == len(self.nuisance.axes) == m:
+            raise BadInputError(f"residuals, rows, components, noise and nuisance columns must all count {m} equations")
+        if m <= self.nuisance.dof:
+            said = f"{m} measured values cannot show more than the {self.nuisance.dof} unknowns of the frames"
+            raise BadInputError(said)
 
     @property
     def noise_known(self) -> bool:

@@ -12,7 +12,6 @@ from pouring_robot.diagnosis.where.dependence import dependence, untested
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.misfit import components, overall, regions, repeats
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -52,16 +51,8 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
 
     Of the probability ``alpha`` of any finding by noise alone half goes to lack of fit, components, repeats and
     regions, half to dependence on conditions.
-
-    Raises:
-        BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
     """
-    n, m = len(conditions), data.residual.size
-    dof = m - data.nuisance.dof
-    if not data.row.size == data.component.size == data.sigma.size == len(data.nuisance.axes) == m:
-        raise BadInputError(f"residuals, rows, components, noise and nuisance columns must all count {m} equations")
-    if dof < 1:
-        raise BadInputError(f"{m} measured values cannot show more than the {data.nuisance.dof} unknowns of the frames")
+    n, dof = len(conditions), data.residual.size - data.nuisance.dof
     noted: list[str] = []
     scaled = data if data.noise_known else data.scaled(data.cleared)
     if not data.noise_known:
