@@ -109,12 +109,13 @@ def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog
     for _ in range(highest - 1):
         vectors.append(transposed @ vectors[-1])
     forms = -bracket_form(np.stack(vectors)[..., 0])
+    weighted = np.zeros_like(forms)  # what stands beside each power of ad^T
+    for power, factor in _JLOG_SERIES.items():
+        if power <= highest:
+            weighted[:power] += factor * forms[power - 1 :: -1]
     total = np.zeros_like(transposed)
-    for power in range(highest - 1, -1, -1):
-        weighted = [
-            _JLOG_SERIES[power + k + 1] * forms[k] for k in range(highest - power) if power + k + 1 in _JLOG_SERIES
-        ]
-        total = transposed @ total + sum(weighted, np.zeros_like(transposed))
+    for part in weighted[::-1]:
+        total = transposed @ total + part
     return np.asarray(total @ jlog)
 
 
@@ -275,7 +276,8 @@ class ClosureEnergy:
         relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
         form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
         motion = joints.on_b - joints.on_a
-        local, displaced = body @ motion, body @ (columns.on_b - columns.on_a)
+        local = body @ motion
+        displaced = local if columns is joints else body @ (columns.on_b - columns.on_a)
         stiff = np.swapaxes(state.jlog, 1, 2) @ (self._stiffness[:, :, None] * state.jlog)
         curvature = stiff + self._relative_curvature(state, relative_wrench)
         change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
@@ -291,7 +293,10 @@ class ClosureEnergy:
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
         """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
-        curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
+        if all(self._is_3d):  # of these no logarithm is taken
+            curvature = np.zeros_like(state.jlog)
+        else:
+            curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
         for i, is_3d in enumerate(self._is_3d):
             if is_3d:  # the wrench is R^T K p; turning frame b turns it back: d(R^T p) = (R^T p) × omega
                 curvature[i] = 0.0
