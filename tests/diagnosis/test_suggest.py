@@ -152,8 +152,9 @@ def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, trappe
     assert found.expected_nats > np.median(found.random_nats)
 
     again = machine.measured(tmp_path / "after", machine.with_more(found.measurements))
+    worth = [worth_alone(measured, before.noise) for measured in (before.campaign, again)]
     for rival in {cause.effect, *cause.alternatives} - {effect}:
-        ahead = [lead(c, before.noise, effect, rival) for c in (before.campaign, again)]
+        ahead = [best(effect) - best(rival) for best in worth]
         assert ahead[1] > ahead[0] + 3.0
     after = diagnose(again)
     assert [c.effect for c in after.judgement.causes] == [effect]
@@ -171,20 +172,16 @@ def test_few_rows_that_tell_much_are_no_gross_errors(trap, trapped, tmp_path):
     assert [(c.effect, c.alternatives) for c in after.judgement.causes] == [(effect, ())]
 
 
-def lead(campaign, noise, effect, rival):
-    """By how much an effect alone explains all rows better than another one alone, in nats."""
+def worth_alone(campaign, noise):
+    """Return what says how much better an effect alone explains all rows than nothing does, in nats."""
     rows = CampaignRows(campaign, RobotModel(), noise)
     library = Library.of(rows, chosen_effects())
     diagnoser = Diagnoser(rows, library, np.ones(len(rows), dtype=bool))
     problem = diagnoser.problem_at(diagnoser.at_rest())
     nothing = Hypothesis.nothing(problem)
-
-    def best(name):
-        return max(
-            nothing.candidate_bayes_factor(item).evidence for item in problem.explanations if item.effect == name
-        )
-
-    return best(effect) - best(rival)
+    return lambda name: max(
+        nothing.candidate_bayes_factor(item).evidence for item in problem.explanations if item.effect == name
+    )
 
 
 @pytest.fixture(scope="module")
