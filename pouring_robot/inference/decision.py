@@ -148,10 +148,10 @@ def judge(
         least, limit = thresholds.evidence_of_one_in(1), found.structure_evidence
         doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
         found = replace(found, doubtful=tuple(doubtful))
-    if not causes and not reasons:
-        small = workmanship_cause(hypothesis, thresholds)
+    if not causes and (found.scatters or not reasons):
+        small = workmanship_cause(beside.hypothesis if found.scatters else hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
-        reasons = [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
+        reasons += [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
     verdict: Verdict = "named"
     if reasons:
         verdict = "unknown"
