@@ -30,11 +30,12 @@ def diagnose(
             "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
         ),
     ] = 0.01,
-    made_within: Annotated[
+    made_within_mm: Annotated[
         float | None,
         opt(
             "Joints are known to be made within this: mm, and mrad of their axes, standard deviations "
             "(default: found).",
+            "--made-within",
             metavar="MM",
         ),
     ] = None,
@@ -56,7 +57,7 @@ def diagnose(
         hold_out=hold_out,
         false_names=false_names,
         next_count=next_count,
-        made_within=made_within,
+        made_within_mm=made_within_mm,
     )
     with progress.stage_bars() as show:
         show("reading", 0, 0)

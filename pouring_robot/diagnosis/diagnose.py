@@ -70,17 +70,17 @@ class DiagnosisOptions:
     next_count: int = USUAL_COUNT  # how many measurements to suggest
     # standard deviation that places of joints, in mm, and directions of their axes, in mrad, are known not to exceed,
     # of a machine in which nothing is wrong; None: it is found
-    made_within: float | None = None
+    made_within_mm: float | None = None
 
     def __post_init__(self) -> None:
         count = whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
         rate = Thresholds(self.false_names).false_names
-        if self.made_within is not None:
+        if self.made_within_mm is not None:
             said = "what joints are made within is a length in mm, more than 0"
-            expect(self.made_within, Real, said)
-            if not 0.0 < self.made_within < math.inf:
-                raise BadInputError(f"{said}, not {self.made_within:g}")
-            object.__setattr__(self, "made_within", float(self.made_within))
+            expect(self.made_within_mm, Real, said)
+            if not 0.0 < self.made_within_mm < math.inf:
+                raise BadInputError(f"{said}, not {self.made_within_mm:g}")
+            object.__setattr__(self, "made_within_mm", float(self.made_within_mm))
         for name, plain in {"next_count": count, "false_names": rate}.items():
             object.__setattr__(self, name, plain)  # the report's JSON takes no numbers of numpy's
 
@@ -226,7 +226,7 @@ class _Work:
         if parts:
             fitted[parts.test] = False
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
-        library = Library.of(rows, self.effects, self.options.made_within)
+        library = Library.of(rows, self.effects, self.options.made_within_mm)
         diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
         return Asked(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
 

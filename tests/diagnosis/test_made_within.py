@@ -24,7 +24,7 @@ def test_what_is_not_known_is_asked_for_and_what_is_known_is_used(folder):
     found = diagnose(campaign, options=DiagnosisOptions(next_count=0))
     assert [e.cause.effect for e in found.effects] == ["drive_backlash"]
     assert any("--made-within" in line for line in next_lines(found))
-    known = diagnose(campaign, options=DiagnosisOptions(next_count=0, made_within=0.026))
+    known = diagnose(campaign, options=DiagnosisOptions(next_count=0, made_within_mm=0.026))
     assert {e.cause.effect for e in known.effects} == {"drive_backlash", "joint_axis_tilt"}
     assert not any("--made-within" in line for line in next_lines(known))
     figures = [diagnosis_metrics(one, "model.yaml")["thresholds"]["made_within"] for one in (found, known)]

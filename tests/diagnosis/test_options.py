@@ -27,10 +27,10 @@ from pouring_robot.sensitivity.report import Request
         (DiagnosisOptions, {"false_names": "a"}),
         (DiagnosisOptions, {"false_names": 1.0}),
         (DiagnosisOptions, {"next_count": -3}),
-        (DiagnosisOptions, {"made_within": 0.0}),
-        (DiagnosisOptions, {"made_within": float("nan")}),
-        (DiagnosisOptions, {"made_within": float("inf")}),
-        (DiagnosisOptions, {"made_within": "fine"}),
+        (DiagnosisOptions, {"made_within_mm": 0.0}),
+        (DiagnosisOptions, {"made_within_mm": float("nan")}),
+        (DiagnosisOptions, {"made_within_mm": float("inf")}),
+        (DiagnosisOptions, {"made_within_mm": "fine"}),
         (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
         (CalibrationOptions, {"fit": {"loss": "linear"}}),
         (FitOptions, {"max_evaluations": 0}),
@@ -52,7 +52,7 @@ def of_command(command):
 REQUEST = {"length_mm": "length_m", "angle_mrad": "angle_rad", "limit_mm": "limit_m"}
 MEASURED = {"noise_mm": "sigma_position_m", "outlier_mm": "outlier_m"}
 SAME = [
-    (diagnose_command, DiagnosisOptions(), ("false_names", "hold_out", "made_within", "next_count"), {}),
+    (diagnose_command, DiagnosisOptions(), ("false_names", "hold_out", "made_within_mm", "next_count"), {}),
     (calibrate_command, CalibrationOptions(), ("tolerances", "hold_out"), {}),
     (calibrate_command, FitOptions(), ("loss",), {}),
     (sensitivity, Request(), ("poses", "seed", "frame"), REQUEST),

@@ -200,9 +200,9 @@ def trials_of(folder: Path, name: str, *, exclude: bool = True, told: bool = Fal
     """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     made_within = truth["workmanship"]["centres_sd_mm"] if told else None
-    found = [trial_of(folder, name, truth, DiagnosisOptions(made_within=made_within))]
+    found = [trial_of(folder, name, truth, DiagnosisOptions(made_within_mm=made_within))]
     if exclude and truth["kind"] == "single" and found[0].ratios[0] >= STRONG:
-        found.append(trial_of(folder, name, truth, DiagnosisOptions(found[0].hidden, made_within=made_within)))
+        found.append(trial_of(folder, name, truth, DiagnosisOptions(found[0].hidden, made_within_mm=made_within)))
     return found
 
 
