@@ -42,7 +42,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import BLOCKS, HoldOut, Split, blocks, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.inference.gross_errors import ROUNDS
-from pouring_robot.io.given import expect
+from pouring_robot.io.given import Options, expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -52,19 +52,15 @@ from pouring_robot.robot.tolerances import Tolerances
 
 
 @dataclass(frozen=True)
-class CalibrationOptions:
-    """What to identify and how."""
+class CalibrationOptions(Options):
+    """What to identify and how; what is of another type raises BadInputError."""
 
     parameters: str | tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
-    tolerances: Tolerances | None = None  # priors; by default the shipped ones
+    tolerances: Tolerances | None = None  # priors, such as Tolerances.load reads; by default the shipped ones
     hold_out: HoldOut = "auto"  # what kind of blocks to hold out
     choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept
     fit: FitOptions = field(default_factory=FitOptions)
     threads: int | None = None  # how many share the work; by default one a core
-
-    def __post_init__(self) -> None:
-        expect(self.fit, FitOptions, "how a calibration fits are FitOptions")
-        expect(self.tolerances, Tolerances | None, "tolerances are Tolerances, such as Tolerances.load reads")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

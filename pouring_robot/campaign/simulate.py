@@ -16,7 +16,7 @@ from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io import usual_noise
 from pouring_robot.io.figures import json_text
-from pouring_robot.io.given import expect, whole
+from pouring_robot.io.given import Options, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -32,7 +32,7 @@ _SCREW_PITCH_M = 0.010
 
 
 @dataclass(frozen=True)
-class MeasurementOptions:
+class MeasurementOptions(Options):
     """How the virtual tracker measures; figures out of range raise BadInputError.
 
     Attributes:
@@ -55,6 +55,7 @@ class MeasurementOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, value, most in (
             ("noise of a position in m", self.sigma_position_m, 1.0),
             ("noise of a rotation in rad", 0.0 if self.sigma_rotation_rad is None else self.sigma_rotation_rad, 1.0),
@@ -66,8 +67,6 @@ class MeasurementOptions:
                 raise BadInputError(said)
         whole(self.seed, 0, "the seed of a virtual measurement is a whole number from 0 on")
         whole(self.outliers, 0, "the number of gross errors is a whole number from 0 on")
-        for pose in (self.pose_tracker_to_fixed_platform, self.pose_platform_to_target):
-            expect(pose, pin.SE3 | None, "where tracker and target sit is a pinocchio.SE3, or None")
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io import usual_noise
-from pouring_robot.io.given import as_tuple, expect, whole
+from pouring_robot.io.given import Options, as_tuple, expect, whole
 from pouring_robot.io.quantities import LIMITS
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import finite
@@ -73,7 +73,7 @@ def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerance
 
 
 @dataclass(frozen=True)
-class PlanRequest:
+class PlanRequest(Options):
     """What is asked of a plan; figures out of range, or none, raise BadInputError."""
 
     poses: int = 30  # number of poses n
@@ -128,6 +128,7 @@ class PlanRequest:
                 raise BadInputError(f"give two different figures of the {name}, or none")
         for key, found in plain.items():
             object.__setattr__(self, key, found)
+        super().__post_init__()
 
     @property
     def reduced(self) -> bool:

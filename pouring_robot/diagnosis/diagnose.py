@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.searched import Asked, Searched
-from pouring_robot.diagnosis.suggest.next_measurements import USUAL_COUNT
+from pouring_robot.diagnosis.suggest.next_measurements import MOST_COUNT, USUAL_COUNT
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
@@ -43,7 +42,7 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.forked import forked
-from pouring_robot.io.given import expect, whole
+from pouring_robot.io.given import Options, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import Indices, rms
@@ -60,8 +59,8 @@ _NO_ROWS: Indices = np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
-class DiagnosisOptions:
-    """How to diagnose; a BadInputError where the rate of false names is no share or suggestions are no number."""
+class DiagnosisOptions(Options):
+    """How to diagnose; what is of another type or out of range raises BadInputError."""
 
     exclude: str | tuple[str, ...] = ()  # ids of effects that are not to be named
     hold_out: HoldOut = "auto"  # kind of block that takes no part
@@ -73,12 +72,13 @@ class DiagnosisOptions:
     made_within_mm: float | None = None
 
     def __post_init__(self) -> None:
-        count = whole(self.next_count, 0, "how many measurements to suggest is a whole number from 0 on")
+        super().__post_init__()
+        said = f"how many measurements to suggest is a whole number from 0 to {MOST_COUNT}"
+        count = whole(self.next_count, 0, said, MOST_COUNT)
         rate = Thresholds(self.false_names).false_names
         if self.made_within_mm is not None:
-            said = "what joints are made within is a length in mm, more than 0"
-            expect(self.made_within_mm, Real, said)
             if not 0.0 < self.made_within_mm < math.inf:
+                said = "what joints are made within is a length in mm, more than 0"
                 raise BadInputError(f"{said}, not {self.made_within_mm:g}")
             object.__setattr__(self, "made_within_mm", float(self.made_within_mm))
         for name, plain in {"next_count": count, "false_names": rate}.items():

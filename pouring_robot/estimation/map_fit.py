@@ -28,7 +28,7 @@ from pouring_robot.estimation.noise import FALSE_ALARMS, NoiseLevel, noise_ratio
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import whole
+from pouring_robot.io.given import Options, whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 
@@ -61,7 +61,7 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
 
 
 @dataclass(frozen=True)
-class FitOptions:
+class FitOptions(Options):
     """How to search; figures out of range raise BadInputError."""
 
     loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
@@ -70,6 +70,7 @@ class FitOptions:
     curvature: bool = False  # whether the covariance has second derivatives in it; about a prediction a parameter more
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         whole(self.max_evaluations, 1, "evaluations of a fit are a number of them, from 1 on")
         said = f"the step that ends a fit is longer than 0, in standard deviations, not {self.step_tolerance}"
         if finite(self.step_tolerance, (), said) <= 0.0:

@@ -3,10 +3,10 @@
 import math
 import os
 from collections.abc import Iterable
-from numbers import Integral
+from numbers import Integral, Real
 from pathlib import Path
-from types import UnionType
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pouring_robot.exceptions import BadInputError
 
@@ -15,6 +15,40 @@ def expect(value: object, kind: type | UnionType, said: str) -> None:
     """Raise BadInputError, what is ``said`` and what came instead, unless a value is of a kind."""
     if not isinstance(value, kind):
         raise BadInputError(f"{said}, not a {type(value).__name__}")
+
+
+class Options:
+    """Base of dataclasses in which options are given: what is not of the type of its field raises BadInputError.
+
+    A tuple may be any iterable; what is in it, and ranges, each class looks to itself.
+    """
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(type(self)).items():
+            value, kinds = getattr(self, name), _kinds(hint)
+            if not any(_is_a(value, kind) for kind in kinds):
+                said = " or ".join(_SAID.get(kind) or str(getattr(kind, "__name__", repr(kind))) for kind in kinds)
+                raise BadInputError(f"{name} of {type(self).__name__} is {said}, not {value!r}")
+
+
+_SAID = {bool: "True or False", int: "a whole number", float: "a number", str: "a text", NoneType: "None"}
+
+
+def _kinds(hint: Any) -> list[Any]:
+    """Return the types, and of a Literal the names, one of which an annotation wants."""
+    if get_origin(hint) in (Literal, Union, UnionType):
+        return [kind for one in get_args(hint) for kind in _kinds(one)]
+    return [get_origin(hint) or hint]
+
+
+def _is_a(value: Any, kind: Any) -> bool:
+    from numpy import bool_  # heavy, and whoever has options has it already
+
+    if isinstance(kind, str):
+        return isinstance(value, str) and value == kind
+    if isinstance(value, bool):  # to Python it is a number, too
+        return kind is bool
+    return isinstance(value, {bool: bool_, int: Integral, float: Real, tuple: Iterable}.get(kind, kind))
 
 
 def as_path(value: Any) -> Path:

@@ -11,7 +11,7 @@ import numpy as np
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import write_together
-from pouring_robot.io.given import as_tuple, whole
+from pouring_robot.io.given import Options, as_tuple, whole
 from pouring_robot.io.seeds import SENSITIVITY_SEED
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
@@ -33,7 +33,7 @@ _ALIKE_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class Request:
+class Request(Options):
     """What to study; a number that is out of its range, or none, raises BadInputError."""
 
     poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
@@ -60,6 +60,7 @@ class Request:
         box = tuple(limits if limits is None else tuple(numbers(limits, (2,), said).tolist()) for limits in given)
         object.__setattr__(self, "box", box)
         object.__setattr__(self, "parameters", as_tuple(self.parameters))
+        super().__post_init__()
         for limits, said in zip(filter(None, self.box), ranges(self.box), strict=True):
             if not -math.inf < limits[0] <= limits[1] < math.inf:
                 raise BadInputError(f"a range must run upwards and be finite, unlike {said}")

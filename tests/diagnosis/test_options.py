@@ -3,6 +3,7 @@
 import inspect
 import typing
 
+import numpy as np
 import pytest
 
 from pouring_robot import BadInputError, CalibrationOptions, DiagnosisOptions, FitOptions, calibrate, diagnose
@@ -27,21 +28,43 @@ from pouring_robot.sensitivity.report import Request
         (DiagnosisOptions, {"false_names": "a"}),
         (DiagnosisOptions, {"false_names": 1.0}),
         (DiagnosisOptions, {"next_count": -3}),
+        (DiagnosisOptions, {"next_count": 76}),
+        (DiagnosisOptions, {"hold_out": 1}),
+        (DiagnosisOptions, {"exclude": 1}),
         (DiagnosisOptions, {"made_within_mm": 0.0}),
         (DiagnosisOptions, {"made_within_mm": float("nan")}),
         (DiagnosisOptions, {"made_within_mm": float("inf")}),
         (DiagnosisOptions, {"made_within_mm": "fine"}),
         (CalibrationOptions, {"tolerances": "tolerances.yaml"}),
         (CalibrationOptions, {"fit": {"loss": "linear"}}),
+        (CalibrationOptions, {"choose": "no"}),
+        (CalibrationOptions, {"hold_out": "hall"}),
+        (CalibrationOptions, {"threads": "two"}),
+        (CalibrationOptions, {"parameters": 3}),
+        (FitOptions, {"curvature": "yes"}),
+        (FitOptions, {"loss": "hubber"}),
         (FitOptions, {"max_evaluations": 0}),
         (FitOptions, {"max_evaluations": "many"}),
         (FitOptions, {"step_tolerance": float("nan")}),
         (FitOptions, {"step_tolerance": -1.0}),
+        (PlanRequest, {"reduce": "no"}),
+        (MeasurementOptions, {"pose_platform_to_target": np.eye(4)}),
+        (Request, {"frame": 1}),
     ],
 )
 def test_what_means_nothing_is_refused(kind, given):
     with pytest.raises(BadInputError):
         kind(**given)
+
+
+def test_what_is_refused_is_named_with_what_it_may_be():
+    with pytest.raises(BadInputError, match=r"^loss of FitOptions is 'huber' or 'soft_l1' or 'linear', not 'hubber'$"):
+        FitOptions(loss="hubber")
+    with pytest.raises(BadInputError, match=r"^choose of CalibrationOptions is True or False, not 'no'$"):
+        CalibrationOptions(choose="no")
+    with pytest.raises(BadInputError, match=r"^threads of CalibrationOptions is a whole number or None, not True$"):
+        CalibrationOptions(threads=True)
+    assert FitOptions(curvature=np.True_, max_evaluations=np.int64(9)).curvature
 
 
 def of_command(command):

@@ -30,7 +30,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 USUAL_COUNT = 10
 RANDOM_SETS = 50
 _NO_NATS = 0.05  # what tells less tells nothing: it is said as 0.0
-_CANDIDATES = 75
+MOST_COUNT = 75  # as many poses there are to choose from
 NO_POSE = "no pose tells them apart: of what is measured they do the same"
 _OPEN = "measure where the two predict most apart: the poses listed"
 
@@ -190,7 +190,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
         return Suggestion((), (), 0.0, advice=advice, seed=seed)
     if diagnosis.rows.measured.others:
         raise BadInputError("poses are chosen for devices that see places or poses, not for distances and closures")
-    possible = candidates(diagnosis.rows.campaign, diagnosis.model, _CANDIDATES, seed)
+    possible = candidates(diagnosis.rows.campaign, diagnosis.model, MOST_COUNT, seed)
     prospect = Prospect(diagnosis, possible)
     contenders, pairs = contest(diagnosis, prospect)
     if not pairs:
