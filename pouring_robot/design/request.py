@@ -105,12 +105,6 @@ class PlanRequest(Options):
             whole(count, least, f"the {name} must be {least} to {most}", most)
         expect(self.noise, NoiseLevel, "the noise of a plan is a NoiseLevel, such as NoiseLevel.stated(5e-5, 5e-5)")
         expect(self.priors, Tolerances | None, "priors of a plan are Tolerances, such as Tolerances.load reads")
-        for name, value, unit in (
-            ("noise of a position", self.noise.position_m, "m"),
-            ("noise of a rotation", self.noise.rotation_rad, "rad"),
-        ):
-            if not 0.0 < value <= 1.0:
-                raise BadInputError(f"the {name} must be above 0 and at most 1 {unit}, not {value:g} {unit}")
         said = "the place of the target must be three figures of at most 10 m"
         target = tuple(finite(self.target_m, (3,), said).tolist())
         if max(map(abs, target)) > 10.0:

@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import instruments_of
 from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -62,9 +65,15 @@ class NoiseLevel:
 
     @classmethod
     def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
-        """Return the noise of a device; None: it measures positions only."""
-        rotation = Noise() if rotation_rad is None else Noise(rotation_rad, "stated")
-        return cls({"position": Noise(position_m, "stated"), "rotation": rotation})
+        """Return the noise of a device, or raise BadInputError; None: it measures positions only."""
+        given: dict[Kind, tuple[float, str]] = {"position": (position_m, "m")}
+        given |= {} if rotation_rad is None else {"rotation": (rotation_rad, "rad")}
+        for kind, (size, unit) in given.items():
+            said = f"the noise of a {kind} must be above 0 and at most 1 {unit}"
+            expect(size, Real, said)
+            if not 0.0 < size <= 1.0:
+                raise BadInputError(f"{said}, not {size:g} {unit}")
+        return cls({kind: Noise(float(size), "stated") for kind, (size, _) in given.items()})
 
     def __getitem__(self, kind: Kind) -> Noise:
         return self.kinds.get(kind, Noise())

@@ -484,8 +484,6 @@ def test_no_option_is_advised_that_is_given_already(robot):
         ({"poses": 0}, "number of poses"),
         ({"poses": "12"}, "number of poses must be 1 to 500, not '12'"),
         ({"both_sides": 31}, "both sides"),
-        ({"noise": NoiseLevel.stated(-1e-5, 1e-5)}, "noise of a position"),
-        ({"noise": NoiseLevel.stated(1e-5, float("nan"))}, "noise of a rotation"),
         ({"criterion": "E"}, "known: D, O1"),
         ({"loads_kg": (5.0, 5.0)}, "two different"),
         ({"drive_degC": (20.0, 1e5)}, "drive temperature"),

@@ -22,6 +22,7 @@ from pouring_robot.estimation.noise import (
     repeats,
 )
 from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.exceptions import BadInputError
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 
@@ -167,6 +168,14 @@ def test_exact_data_leave_the_least_noise_and_say_so(drawing, clean, monkeypatch
     assert "0.001 mm or mrad stands for it" in doubt
     assert "(sigma_position_mm, sigma_rotation_mrad in the YAML)" in doubt
     assert NoiseLevel.stated(LEAST_NOISE, LEAST_NOISE).doubts == []
+
+
+@pytest.mark.parametrize("size", ["0.05 mm", "5e-5", -1e-5, 0.0, 1.1, float("nan"), [1e-5]])
+def test_a_noise_is_stated_as_a_size_in_m_and_rad(size):
+    with pytest.raises(BadInputError, match=r"^the noise of a position must be above 0 and at most 1 m, not "):
+        NoiseLevel.stated(size, None)
+    with pytest.raises(BadInputError, match=r"^the noise of a rotation must be above 0 and at most 1 rad, not "):
+        NoiseLevel.stated(1e-5, size)
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):
