@@ -151,9 +151,12 @@ class RobotUnderConditions:
 
         Raises:
             MissingConditionsError: effects need conditions that are not given.
-            BadInputError: there are not as many values of a condition as commands, or drives are none.
+            BadInputError: there are not as many values of a condition as commands, drives are none, or conditions are
+                given and nothing in the model depends on any.
             NoSolutionError: the drawing does not close at a command.
         """
+        if self.given and not self.robot.model.conditional:
+            raise BadInputError("nothing in the model depends on conditions: give none")
         robots, _ = self._at(drives, seen=False)
         known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
         still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)

@@ -532,6 +532,7 @@ def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
         (lambda: robots_under(LEARNED, [pose], None), r"are a mapping by a campaign's heading, .* not a NoneType"),
         (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "are a mapping by a campaign's heading"),
         (lambda: robots_under(LEARNED, pose, given), "commands are several: .* not a PlatformPose"),
+        (lambda: robots_under(RobotModel(), [pose], given), "nothing in the model depends on conditions: give none"),
         (lambda: under.robots([0.55, 0.55, 0.70, -0.09]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
         (lambda: under.robots([[0.55, 0.55, 0.70]]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
         (lambda: compensate_under(under, pose, lambda k, robot: None), "commands are several"),
