@@ -5,9 +5,11 @@ from .calibration.calibrate import CalibrationOptions as CalibrationOptions
 from .calibration.calibrate import calibrate as calibrate
 from .campaign.data import Campaign as Campaign
 from .campaign.plan import random_plan as random_plan
+from .campaign.plan import read_plan as read_plan
 from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
 from .checks.check import check_campaign as check_campaign
+from .compensation.path import compensate_path as compensate_path
 from .compensation.pose import compensate as compensate
 from .design.planning import plan_campaign as plan_campaign
 from .design.request import PlanRequest as PlanRequest
@@ -30,6 +32,7 @@ from .mechanism.closure.solver import ClosureSolver as ClosureSolver
 from .mechanism.loops_file import LoopsFile as LoopsFile
 from .mechanism.loops_file import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
+from .robot.export.folder import export_robot as export_robot
 from .robot.export.paths import package_path as package_path
 from .robot.export.paths import urdf_path as urdf_path
 from .robot.heat_section import HeatSection as HeatSection
@@ -45,3 +48,4 @@ from .robot.tolerances import Tolerances as Tolerances
 from .sweeps.config import SweepConfig as SweepConfig
 from .sweeps.runner import sweep as sweep
 from .thermal.expansion.warm_pouring_robot import HeatedRobot as HeatedRobot
+from .thermal.expansion.warm_pouring_robot import locate_path as locate_path

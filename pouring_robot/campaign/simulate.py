@@ -126,7 +126,7 @@ def simulate_campaign(
     expect(options, MeasurementOptions, "how it is measured are MeasurementOptions")
     expect(path, Path | str, "the path of a campaign is the one its table would have")
     expect(robot, Robot, LOADED)
-    expect(plan, PosePlan, "what is measured is a PosePlan, such as of random_plan or read_plan")
+    expect(plan, PosePlan, "what is measured is a PosePlan: of random_plan, read_plan, or plan_campaign(…).pose_plan")
     rows = len(plan)
     if robots is None and robot.model.conditional:
         told = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"

@@ -18,12 +18,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.campaign.plan import random_plan, refuse_redundant
+from pouring_robot.campaign.columns import approach_names
+from pouring_robot.campaign.plan import plan_of, random_plan, refuse_redundant
 from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
 from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
+from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
 from pouring_robot.exceptions import BadInputError, NoSolutionError
@@ -177,13 +179,29 @@ class Planner:
         ]
         conditions = tuple(replace(self.states[state], side=side) for _, _, state, side in numbered)
         stack = np.stack([rows[pose, state, 0 if side > 0 else 1] for _, pose, state, side in numbered])
-        numbers, poses = np.array([n for n, *_ in numbered]), self.poses[[pose for _, pose, _, _ in numbered]]
+        poses = self.poses[[pose for _, pose, _, _ in numbered]]
         quality = self._quality(stack, request.poses)
         index = float(observability_index(quality.singular_values, request.criterion, request.poses))
         axes, robot, left_out = self.robot.command_axes, self.robot.model.definition, self.left_out
+        samples = tuple(f"{n}{'b' if side < 0 else ''}" for n, _, _, side in numbered)
+        planned = plan_of(self.robot, poses, samples, ("1",) * len(samples), self._given(conditions))
         return MeasurementPlan(
-            request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index
+            request, axes, robot, self.parameters, left_out, poses, conditions, planned, quality, index
         )
+
+    def _given(self, visits: Sequence[PlannedConditions]) -> dict[str, FloatArray]:
+        """Return what is planned of each visit, (n,) by the name of a condition."""
+        request, robot = self.request, self.robot.model.definition
+        asked = {
+            "side": approach_names(robot) if request.both_sides else (),
+            "payload_kg": ("payload",) if request.loads_kg else (),
+            "drive_degC": causes_of(robot).beside_drives if request.drive_degC else (),
+        }
+        return {
+            name: np.array([getattr(visit, field) for visit in visits], dtype=float)
+            for field, names in asked.items()
+            for name in names
+        }
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, Indices]:
         """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""

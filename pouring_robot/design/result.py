@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
+from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.design.plan_rows import PlannedConditions
 from pouring_robot.design.request import PlannedParameter, PlanRequest
-from pouring_robot.effects.conditions import LOAD
-from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError, counted, some
 from pouring_robot.io.files import CSV_SUFFIXES, check_ending, write_whole
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray, Indices
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, own_look, png_of
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis, command_box
@@ -107,7 +106,7 @@ class MeasurementPlan(Result):
     left_out: tuple[str, ...]  # names of parameters that were asked for but left out: what is kept shows the same
     poses: FloatArray  # rows in the order to measure them, commands in m and rad, shape (rows, k)
     conditions: tuple[PlannedConditions, ...]  # of each row
-    pose_numbers: Indices  # which of the n poses each row is, from 1
+    pose_plan: PosePlan  # the same, as ``simulate_campaign`` takes it
     quality: PlanQuality
     value: float  # the criterion's index, per shown unit
 
@@ -125,18 +124,12 @@ class MeasurementPlan(Result):
 
         A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
         """
-        visits, request = self.conditions, self.request
-        named = zip(self.pose_numbers.tolist(), visits, strict=True)
-        columns = {"sample": [f"{number}{'b' if visit.side < 0 else ''}" for number, visit in named]}
+        columns = {"sample": list(self.pose_plan.samples)}
         for axis, values in zip(self.axes, self.poses.T.tolist(), strict=True):
             columns[axis.heading] = [axis.text(value) for value in values]
-        if request.both_sides:
-            columns |= {name: [str(visit.side) for visit in visits] for name in approach_names(self.robot)}
-        if request.loads_kg:
-            columns[LOAD] = [f"{visit.payload_kg:g}" for visit in visits]
-        if request.drive_degC:
-            warmth = [f"{visit.drive_degC:g}" for visit in visits]
-            columns |= {f"{name}_degC": warmth for name in causes_of(self.robot).beside_drives}
+        by_order = () if self.request.both_sides else approach_names(self.robot)
+        given = self.pose_plan.given(self.robot).items()
+        columns |= {name: [f"{value:g}" for value in values] for name, values in given if name not in by_order}
         return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
 
     def rows(self) -> list[dict[str, Any]]:

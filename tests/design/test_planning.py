@@ -8,10 +8,12 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.plan import read_plan
+from pouring_robot.campaign.simulate import simulate_campaign
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
 from pouring_robot.design.information import covariance, projected_singular_values, telling
@@ -538,6 +540,8 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     assert read.conditions["approach_q1"].tolist() == [c.side for c in visited.conditions]
     assert read.conditions["payload"].tolist() == [c.payload_kg for c in visited.conditions]
     assert read.conditions["leg2"].tolist() == [c.drive_degC for c in visited.conditions]
+    from_file, at_once = (simulate_campaign(robot, one).campaign for one in (read, visited.pose_plan))
+    pd.testing.assert_frame_equal(from_file.to_frame(), at_once.to_frame())
 
 
 def test_the_picture_shows_commands_as_the_table_has_them(visited, monkeypatch):

@@ -13,8 +13,9 @@ import trimesh
 import yourdfpy
 from lxml import etree
 
+from pouring_robot import PouringRobot, Robot, export_robot
 from pouring_robot.cli.app import main
-from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError, OutputError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.closure.energy import Loads
@@ -42,6 +43,28 @@ def at_pose(model, pose):
 def written(closed, folder, form="urdf", **options):
     """Write an export and return the path of its description."""
     return write_together(exported_files(closed, folder, form, **options))[-1]
+
+
+def contents(folder):
+    """Return what the files of a folder hold, by their path in it."""
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_from_python_it_is_what_the_command_writes(form, tmp_path):
+    robot, folders = ROBOTS / "five_bar" / "robot.yaml", (tmp_path / "python", tmp_path / "command")
+    files = export_robot(Robot.load(robot), folders[0], form)
+    assert main(["export", "--robot", str(robot), "--format", form, "--out", str(folders[1])]) == 0
+    assert contents(folders[0]) == contents(folders[1]) and len(files) == len(contents(folders[0]))
+    with pytest.raises(OutputError, match="there already"):
+        export_robot(Robot.load(robot), folders[0], form)
+
+
+def test_a_format_that_nobody_knows_and_what_is_no_robot_are_refused(tmp_path):
+    with pytest.raises(BadInputError, match="unknown format 'mjc'; did you mean 'mjcf'"):
+        export_robot(PouringRobot(), tmp_path, "mjc")
+    with pytest.raises(BadInputError, match=r"give a Robot, .* not a str"):
+        export_robot("robot.yaml", tmp_path)
 
 
 def of_tree(urdf, values, base, tip):

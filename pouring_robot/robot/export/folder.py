@@ -13,7 +13,9 @@ import trimesh
 from lxml import etree
 from lxml.builder import E
 
-from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError, closest
+from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.io.given import expect
 from pouring_robot.mechanism.pinocchio_model import model_of
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
@@ -22,11 +24,32 @@ from pouring_robot.robot.export.closed_robot import ClosedRobot, configured
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import VERSION, sdf
+from pouring_robot.robot.robot import LOADED, Command, Robot
 
 Format = Literal["urdf", "mjcf", "sdf", "drake"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 ADJACENT, TOUCHING = "Adjacent", "Default"
 """Reasons, in MoveIt's words: joined, and in contact at the pose that was exported."""
+
+
+def export_robot(
+    robot: Robot, folder: Path | str, form: Format = "urdf", command: Command | None = None, *, overwrite: bool = False
+) -> list[Path]:
+    """Write a robot as built, closed at a command, into a folder, all or nothing; return its files, description last.
+
+    Without a command it stands in the middle of its workspace, or at the home of its robot file.
+
+    Raises:
+        BadInputError: there is no robot, no such format, or it is no command of this robot.
+        NoSolutionError: no pose has the command.
+        DescriptionError: a mesh is missing or none, or the format cannot say something.
+        OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
+    """
+    expect(robot, Robot, LOADED)
+    if form not in FORMATS:
+        raise BadInputError(f"unknown format '{form}'{closest(str(form), FORMATS)}")
+    folder = check_folder(folder)
+    return write_together(exported_files(ClosedRobot.of(robot.model, command), folder, form), overwrite=overwrite)
 
 
 def exported_files(
