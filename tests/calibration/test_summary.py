@@ -1,6 +1,7 @@
 """The figures: complete, finite, in JSON; warnings when there is something to warn of."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from pouring_robot.calibration.report import ladle_line
 from pouring_robot.calibration.summary import calibration_metrics, next_measurements, notes_of, warnings_of
 from pouring_robot.checks.flags import DataFlag, FlagCode
 from pouring_robot.robot.heat_section import HeatSection
+from tests.support import ROOT
 
 
 def test_figures_are_json_and_agree_with_the_calibration(found):
@@ -22,6 +24,15 @@ def test_figures_are_json_and_agree_with_the_calibration(found):
     assert figures["base_parameters"]["rank"] == found.base.rank
     assert figures["noise"]["position_source"] == "repeats"
     assert figures["iso_9283"]["poses"] == 4
+
+
+def test_the_documentation_names_every_key_of_the_json_and_no_other(found):
+    page = (ROOT / "docs" / "calibration.md").read_text().partition("## What `calibration.json` holds")[2]
+    rows = re.findall(r"^\| (`.*?) \| (.*) \|$", page.partition("\n## ")[0], flags=re.MULTILINE)
+    told = {key: words for keys, words in rows for key in re.findall(r"`(\w+)`", keys)}
+    figures = calibration_metrics(found)
+    assert set(told) == set(figures)
+    assert set(figures["ladle"]) <= {*re.findall(r"`(\w+)`", told["ladle"])}
 
 
 def test_unchanged_figures(unchanged):
