@@ -39,35 +39,49 @@ class Choice:
     gains: FloatArray
 
 
+class _Expected:
+    """What one explanation expects of all measurements, while some of them are made."""
+
+    def __init__(self, covariance: FloatArray, components: int) -> None:
+        self._k, self.covariance = components, covariance.copy()
+
+    def by(self, place: slice) -> FloatArray:
+        """Return how the others move with the measurement at a place, (n * k, k)."""
+        return np.asarray(np.linalg.solve(self.covariance[place, place], self.covariance[place]).T)
+
+    def add(self, place: slice) -> None:
+        """Take a measurement as made."""
+        self.covariance -= self.by(place) @ self.covariance[place]
+        _settle(self.covariance, place, 1.0)
+
+
 class _Direction:
     """One explanation taken as right and another one compared with it, while measurements are added."""
 
-    def __init__(self, right: Prediction, other: Prediction, components: int) -> None:
-        self._k = components
-        self._right, self._other = right.covariance.copy(), other.covariance.copy()
-        apart = right.mean - other.mean
-        self._apart = np.outer(apart, apart)
+    def __init__(self, right: _Expected, other: _Expected, apart: FloatArray, components: int) -> None:
+        self._right, self._other, self._k = right, other, components
+        self._apart = np.outer(apart, apart)  # second moment of the difference of the means
 
     def gains(self) -> FloatArray:
         """Return the expected evidence of each measurement next, shape (n,)."""
-        return _divergence(*(_blocks(m, self._k) for m in (self._right, self._other, self._apart)))
+        three = self._right.covariance, self._other.covariance, self._apart
+        return _divergence(*(_blocks(m, self._k) for m in three))
 
-    def add(self, index: int) -> None:
-        """Take a measurement as made."""
-        place = slice(self._k * index, self._k * (index + 1))
-        spread = self._right[place, place]
-        by_right = np.linalg.solve(spread, self._right[place]).T
-        by_other = np.linalg.solve(self._other[place, place], self._other[place]).T
+    def add(self, place: slice) -> None:
+        """Take a measurement as made, before the two explanations do."""
+        spread, by_other = self._right.covariance[place, place], self._other.by(place)
         # The means move with what is measured, which is random where the right explanation is right.
         moved = by_other @ self._apart[place]
         own = by_other @ self._apart[place, place] @ by_other.T
-        differ = by_right - by_other
+        differ = self._right.by(place) - by_other
         self._apart += own - moved - moved.T + differ @ spread @ differ.T
-        self._right -= by_right @ self._right[place]
-        self._other -= by_other @ self._other[place]
-        for matrix, left in ((self._right, 1.0), (self._other, 1.0), (self._apart, 0.0)):
-            matrix[place], matrix[:, place] = 0.0, 0.0  # nothing is left to be learnt from the same noise
-            matrix[place, place] = left * np.eye(self._k)
+        _settle(self._apart, place, 0.0)
+
+
+def _settle(matrix: FloatArray, place: slice, left: float) -> None:
+    """Leave nothing to be learnt from the same noise at a place."""
+    matrix[place], matrix[:, place] = 0.0, 0.0
+    matrix[place, place] = left * np.eye(place.stop - place.start)
 
 
 def _blocks(matrix: FloatArray, k: int) -> FloatArray:
@@ -90,7 +104,11 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
     Each explanation has a prediction of all n; pairs are explanations that are to be told apart.
     """
     both_ways = [way for a, b in pairs for way in ((a, b), (b, a))]
-    directions = [_Direction(predictions[right], predictions[other], components) for right, other in both_ways]
+    every = [_Expected(one.covariance, components) for one in predictions]
+    directions = [
+        _Direction(every[right], every[other], predictions[right].mean - predictions[other].mean, components)
+        for right, other in both_ways
+    ]
     sums = np.zeros(len(pairs))
     chosen: list[int] = []
     gains: list[FloatArray] = []
@@ -103,8 +121,11 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
         chosen.append(best)
         gains.append(found[best])
         sums = sums + found[best]
-        for one in directions:
-            one.add(best)
+        place = slice(components * best, components * (best + 1))
+        for direction in directions:
+            direction.add(place)
+        for one in every:
+            one.add(place)
     return Choice(np.array(chosen, dtype=np.intp), np.array(gains).reshape(-1, len(pairs)))
 
 

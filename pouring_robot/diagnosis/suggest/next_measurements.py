@@ -238,7 +238,8 @@ def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
     scaled = [prospect.new_columns(own) * weights for own, weights in groups]
     columns = np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])
     spread = columns @ covariance @ columns.T + prospect.frames @ prospect.frames.T
-    return Prediction(columns @ mean, spread + np.eye(len(columns)))
+    spread.flat[:: len(columns) + 1] += 1.0
+    return Prediction(columns @ mean, spread)
 
 
 def _measurement(
