@@ -37,8 +37,12 @@ def campaign(tmp_path_factory):
     return Campaign.read(folder / "c.csv", ARM)
 
 
-def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(campaign):
-    found = diagnose(campaign, RobotModel.for_robot(ARM))
+@pytest.fixture(scope="module")
+def found(campaign):
+    return diagnose(campaign, RobotModel.for_robot(ARM))
+
+
+def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(found):
     assert (found.verdict, [e.cause.effect for e in found.effects]) == ("named", ["session_offset"])
     assert {p.parameter.unit for p in found.effects[0].parameters} == {"mm"}
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
@@ -57,9 +61,8 @@ def test_a_session_for_each_row_is_none(campaign):
     assert "60 sessions in 60 rows" in " ".join(map(str, found.flags))
 
 
-def test_a_start_that_other_rows_cannot_hold_is_none(campaign):
+def test_a_start_that_other_rows_cannot_hold_is_none(found):
     """As where a session is left out whole, or the forces of the rows that are left make two forms one."""
-    found = diagnose(campaign, RobotModel.for_robot(ARM))
     (item,) = found.hypothesis.items
     gone = replace(found.hypothesis, items=(replace(item, form="of_another_session"),))
     assert found.diagnoser.found(gone)[1].keys == found.hypothesis.keys

@@ -54,7 +54,7 @@ def prediction(random, size, spread=1.0):
 
 def test_what_varies_within_a_turn_of_the_screw_is_told_apart_as_that(tmp_path):
     """Asked at the scale at which it was found: at the longest it would explain next to nothing."""
-    turning = campaign(tmp_path, (Wanted("drive_cyclic", 8.0, "a"),), rows=90)
+    turning = campaign(tmp_path, (Wanted("drive_cyclic", 5.0, "a"),), rows=60)
     found = diagnose(turning, None, DiagnosisOptions(exclude="drive_cyclic"))
     (described,) = {s.process.name for s in found.judgement.structures[:1]}
     assert described.endswith("by own length")

@@ -66,7 +66,7 @@ def test_a_wave_in_time_is_no_noise(drawing):
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     period_s = np.ptp(campaign.time_s) / 9.2
-    wave = 10.0 * SIGMA_M * np.sin(2.0 * np.pi * campaign.time_s / period_s)
+    wave = 6.0 * SIGMA_M * np.sin(2.0 * np.pi * campaign.time_s / period_s)
     moved = damaged(campaign, metadata=silent, position_m=lambda p: p + wave[:, None] * [1.0, -0.5, 0.0])
     found = diagnose(moved, None, DiagnosisOptions(next_count=0))
     assert (found.verdict, found.firm) == ("unknown", ())

@@ -178,7 +178,7 @@ def test_a_robot_as_built_that_closes_nowhere_has_no_error_of_its_own_that_is_kn
     config = write(tmp_path, poses={"grid": {}}, **changes)
     assert main(["sweep", str(config), "--out", str(tmp_path / "one"), "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["own_error_mm"] is None
-    assert main(["sweep", str(config), "--out", str(tmp_path / "two")]) == 3
+    assert main(["sweep", str(config), "--out", str(tmp_path / "one"), "--resume"]) == 3
     assert "note: the robot of far_off.yaml closes at none of these poses" in capsys.readouterr().out
 
 
