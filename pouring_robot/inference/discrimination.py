@@ -42,8 +42,8 @@ class Choice:
 class _Expected:
     """What one explanation expects of all measurements, while some of them are made."""
 
-    def __init__(self, covariance: FloatArray, components: int) -> None:
-        self._k, self.covariance = components, covariance.copy()
+    def __init__(self, covariance: FloatArray) -> None:
+        self.covariance = covariance.copy()
 
     def by(self, place: slice) -> FloatArray:
         """Return how the others move with the measurement at a place, (n * k, k)."""
@@ -104,7 +104,7 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
     Each explanation has a prediction of all n; pairs are explanations that are to be told apart.
     """
     both_ways = [way for a, b in pairs for way in ((a, b), (b, a))]
-    every = [_Expected(one.covariance, components) for one in predictions]
+    every = [_Expected(one.covariance) for one in predictions]
     directions = [
         _Direction(every[right], every[other], predictions[right].mean - predictions[other].mean, components)
         for right, other in both_ways
