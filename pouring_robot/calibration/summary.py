@@ -37,8 +37,9 @@ MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # in warnings of the template, and by the rows that are left out
-    weighty = (flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told)
-    limits = (flag for flag in calibration.flags if flag.code is FlagCode.UNREACHABLE_DRIVES)  # may leave out many
+    always = (FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)  # the one may leave out many rows
+    warnings = [flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told]
+    weighty = [flag.message for flag in calibration.flags if flag.code in always or flag in warnings]
     failed, refused = calibration.fit.equations.failed.size, calibration.refused
     said = _said(
         "warnings",
@@ -49,7 +50,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
         times=_times_the_tolerances(calibration),
         failed=counted(failed, "row") if failed else "",
     )
-    return [*(flag.message for flag in (*limits, *weighty)), *said]
+    return [*weighty, *said]
 
 
 def notes_of(calibration: CalibrationFindings) -> list[str]:

@@ -101,9 +101,7 @@ class FlagCode(enum.StrEnum):
     ROUNDED_DRIVES = _warning(
         "rounded_drives", "export the drives with all their digits; until then state a noise that holds the rounding"
     )
-    NOT_COMPARED = _warning(
-        "not_compared", "measure the position, too; until then no mistake of units, axes, signs or rows is seen"
-    )
+    NOT_COMPARED = _warning("not_compared", "measure whole positions, too")
     DRIVE_UNIT = _error("drive_unit", "correct the unit at the end of the column's name")
     POSITION_UNIT = _error("position_unit", "correct the unit at the end of the columns' names")
     ROTATION_UNIT = _error("rotation_unit", "correct the unit at the end of the columns' names")

@@ -218,14 +218,22 @@ class FrameChecks:
         return ~in_limits(drives, self._lower, self._upper, _LIMIT_SLACK)
 
     def _not_compared(self) -> None:
-        """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such."""
+        """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such.
+
+        Units of coordinates show in the linear map alone.
+        """
         seen, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
         whole, turned_only = int(seen.all(axis=1).sum()), np.flatnonzero(turned & ~seen.any(axis=1))
         if whole >= FEWEST_FOR_FRAMES or not (seen.any() or turned.any()):
             return  # what is measured in distances or closures alone was never to be compared
+        mistakes = position_mistakes(self.campaign, self.drawing, self.data)
+        for mistake, undone in _undone((m for m in mistakes if m.code is FlagCode.POSITION_UNIT), self.data):
+            if self.data.stretched and not undone.stretched:
+                self._found(mistake.code, mistake.told, mistake.names, {})
+                self.data = undone
         message = (
-            f"drives and measurements cannot be compared: {whole} rows have a whole position, and the two frames need "
-            f"{FEWEST_FOR_FRAMES}"
+            "drives and measurements cannot be compared before a fit, so that no mistake of axes, signs or rows is "
+            f"seen: {whole} rows have a whole position, and the two frames need {FEWEST_FOR_FRAMES}"
         )
         severity = Severity.NOTE  # single coordinates are measured on purpose
         if turned_only.size:

@@ -78,11 +78,18 @@ class Comparison:
         return float(np.median(np.linalg.norm(rotation - rotation.mean(axis=0), axis=(1, 2)))) / math.sqrt(2.0)
 
     @functools.cached_property
-    def affine(self) -> FloatArray | None:
-        """The linear map from commanded to measured positions, (3, 3), rigid for sound data; None: it says little."""
-        complete = self.poses.complete & np.isfinite(self.position_m).all(axis=1)
-        affine, spread = affine_map(self.poses, self.position_m, complete)
-        return affine if spread > _TELLING_SPREAD else None
+    def affine(self) -> FloatArray:
+        """The linear map from commanded to measured positions, (3, 3), rigid for sound data.
+
+        Each coordinate by the rows in which it was measured; NaN of one of which they say little.
+        """
+        found = np.full((3, 3), np.nan)
+        for k, measured in enumerate(np.isfinite(self.position_m).T):
+            rows = self.poses.complete & measured
+            affine, spread = affine_map(self.poses, self.position_m[:, k : k + 1], rows) if rows.any() else (None, 0.0)
+            if spread > _TELLING_SPREAD:
+                found[k] = affine
+        return found
 
     @property
     def stretched(self) -> bool:
@@ -122,10 +129,10 @@ class Comparison:
         return dataclasses.replace(self, drives=drives, poses=poses.inverse() if self.inverted else poses)
 
 
-def _stretches(affine: FloatArray | None, factor: float) -> BoolArray:
+def _stretches(affine: FloatArray, factor: float) -> BoolArray:
     """Return which columns of positions, times a factor, are stretched or shrunk beyond any error of a robot, (3,)."""
-    size = np.ones(3) / factor if affine is None else np.linalg.norm(affine, axis=1)
-    return np.asarray((size * factor < 1.0 / _NEARLY) | (size * factor > _NEARLY))
+    size = factor * np.linalg.norm(affine, axis=1)
+    return np.asarray((size < 1.0 / _NEARLY) | (size > _NEARLY))
 
 
 def _spread(vectors: FloatArray) -> float:
@@ -209,7 +216,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         message = "the measured poses seem to be inverse: the tracker seen from the target"
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
         yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), Comparison.inverse)
-    if affine is not None and np.linalg.det(affine) < 0.0:
+    if np.isfinite(affine).all() and np.linalg.det(affine) < 0.0:
         message = f"{LEFT_HANDED}: one is reversed, or two are exchanged"
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)
     yield from _drive_mistakes(campaign, drawing)

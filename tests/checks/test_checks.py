@@ -611,3 +611,28 @@ def test_a_campaign_is_checked_by_its_own_robot(clean):
     assert "position_unit" in codes(check_campaign(wrong))
     with pytest.raises(BadInputError, match=r"what is checked is a Campaign, such as Campaign.read returns, not a str"):
         check_campaign("campaign.csv")
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [lambda row: [0], lambda row: [1, 2], lambda row: [row % 3]],
+    ids=["one coordinate", "two", "another in each row"],
+)
+@pytest.mark.parametrize(("factor", "wrong"), [(1e-3, "metres under a heading in milli"), (1e3, "millimetres under")])
+def test_units_of_coordinates_are_told_where_no_row_has_all_three(real, drawing, missing, factor, wrong):
+    """The map from drives to each of them has the length of a row of a rotation, which is 1."""
+    position = np.array(real.campaign.position_m)
+    for row, values in enumerate(position):
+        values[missing(row)] = np.nan
+
+    def flags(position_m):
+        campaign = damaged(real.campaign, position_m=position_m, rotation_vector_rad=None)
+        return check_campaign(campaign, drawing.kinematics)
+
+    assert codes(flags(position)) == {"not_compared"}
+    all_of_them, _ = flags(factor * position)
+    assert all_of_them.code == "position_unit" and wrong in all_of_them.message
+    last = int(np.flatnonzero(np.isfinite(position).any(axis=0))[-1])
+    one, _ = flags(np.where(np.arange(3) == last, factor, 1.0) * position)
+    assert one.code == "position_unit" and wrong in one.message
+    assert missing(0) == [1, 2] or one.columns == (real.campaign.heading("xyz"[last]),)

@@ -143,7 +143,7 @@ def _data_lines(diagnosis: Conclusions) -> Iterator[str]:
     if diagnosis.judgement.scatters:
         told.add(FlagCode.NOISE_TOO_SMALL)  # the headline says it
     # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
-    always = (FlagCode.MEASUREMENT_JUMP, FlagCode.UNREACHABLE_DRIVES)
+    always = (FlagCode.MEASUREMENT_JUMP, FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code in always]
     yield from (f"data: {flag.message}" for flag in weighty if flag.code not in told)
 
