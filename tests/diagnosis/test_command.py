@@ -100,6 +100,18 @@ def named(figures):
     return [effect["effect"] for effect in figures["effects"]]
 
 
+def test_what_to_measure_next_can_be_measured_virtually(written, hot, tmp_path):
+    """Effects that lag go by the time, and the plan says it by the clock of the campaign."""
+    out, (_, figures, _, _) = written
+    simulate = ("campaign", "simulate", "--plan", str(out / "next.csv"), "--model", str(out / "model.yaml"))
+    assert main([*simulate, "--out", str(tmp_path / "virtual.csv"), "--quiet"]) == 0
+    with (tmp_path / "virtual.csv").open(newline="") as file:
+        times = [float(row["time_s"]) for row in csv.DictReader(file)]
+    last = max(float(row["time_s"]) for row in hot.rows)
+    later = [last + 3600.0 * step["hours_later"] for step in figures["suggested_measurements"]]
+    np.testing.assert_allclose(times, later, rtol=0, atol=18.5)  # hours are told to two decimals
+
+
 def test_a_sound_campaign_from_file_to_files(written):
     out, (code, figures, said, _) = written
     assert code == 0

@@ -253,7 +253,7 @@ def _measurement(
     sides = () if possible.approach is None else possible.approach[index]
     both = zip(robot.drives, sides, strict=False)
     given = {drive.approach_column: float(drive.side(side)) for drive, side in both if np.isfinite(side)}
-    canonical = {quantity.name: quantity.canonical for quantity in robot.condition_columns if quantity.name != "time"}
+    canonical = {quantity.name: quantity.canonical for quantity in robot.condition_columns}
     given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))
     return SuggestedMeasurement(
