@@ -154,7 +154,7 @@ class Campaign(Result):
             DescriptionError: a key or value of the YAML file is wrong; names line and key.
             BadInputError: ``robot`` is none, or a file of it is wrong.
         """
-        expect(path, Path | str, "a campaign is read from the path of its table, and from_frame takes a data frame")
+        expect(path, Path | str, "Campaign.from_frame takes a data frame; read takes the path of a table")
         path, robot = Path(path), definition_of(robot)
         try:
             table = columns.read_columns(path, robot)

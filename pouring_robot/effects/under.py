@@ -77,8 +77,9 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     for heading, values in given.items():
         expect(heading, str, "conditions go by a campaign's heading")
         if heading not in known:
-            same = [quantity.canonical for quantity in known.values() if quantity.name == heading.rpartition("_")[0]]
-            near = f"; did you mean '{same[0]}'?" if same else closest(heading, known)
+            stems = heading, heading.rpartition("_")[0]  # a unit may be missing, or wrong
+            same = [f"'{name}'" for name, quantity in known.items() if quantity.name in stems]
+            near = f"; did you mean {' or '.join(same)}?" if same else closest(heading, known)
             raise BadInputError(f"'{heading}' is no condition of {robot.name}{near}")
         quantity = known[heading]
         if quantity.name in found:

@@ -23,13 +23,21 @@ def read_poses(path: Path | str) -> list[PlatformPose]:
     return list(read_pose_lines(path).values())
 
 
-def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
+def read_pose_lines(
+    path: Path | str, beside: Iterable[str] = (), drives: Iterable[Quantity] = ()
+) -> dict[int, PlatformPose]:
     """Read commanded poses by line: columns of :data:`PLATFORM_POSE`.
 
     Columns ``sample``, which plans have, and ``beside`` may stand there and are left out. Raises TableError where the
-    file cannot be read, another column stands in it or one is missing, or a cell is no finite number.
+    file cannot be read, another column stands in it, such as one of ``drives``, or one is missing, or a cell is no
+    finite number.
     """
-    table = read_table(path, "x_mm, y_mm, z_mm, tilt_deg")
+    wanted = "x_mm, y_mm, z_mm, tilt_deg"
+    table = read_table(path, wanted)
+    driven = {heading for drive in drives for heading in drive.headings}.intersection(table.headings)
+    if driven:
+        said = f"'{min(driven)}' is a drive's, as in a campaign, whose places are a tracker's"
+        raise table.heading_fault(f"{said}; this takes poses of the platform, in the columns {wanted}")
     table.refuse_others([*(heading for quantity in PLATFORM_POSE for heading in quantity.headings), "sample", *beside])
     columns = [whole_column(table, quantity)[1].tolist() for quantity in PLATFORM_POSE]
     if not len(table):

@@ -142,7 +142,7 @@ class PouringRobot(Robot):
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
         """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`."""
-        return read_pose_lines(path, beside)
+        return read_pose_lines(path, beside, self.model.definition.drive_columns)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
         """Return the pose of a place and a turn about y."""

@@ -78,7 +78,9 @@ def test_a_campaign_keeps_its_names_as_texts(real):
 
 @pytest.mark.parametrize("path", [None, 5, [1.0]])
 def test_a_campaign_is_read_from_a_path(path):
-    with pytest.raises(BadInputError, match="from_frame takes a data frame"):
+    with pytest.raises(
+        BadInputError, match=r"from_frame takes a data frame; read takes the path of a table, not a \w+$"
+    ):
         Campaign.read(path)
 
 

@@ -336,8 +336,12 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"ambient_C": 30.0}, "'ambient_C' is no condition of pouring_robot; did you mean 'ambient_degC'?"),
-        ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC'?"),
+        (
+            {"ambient_C": 30.0},
+            "'ambient_C' is no condition of pouring_robot; did you mean 'ambient_degC' or 'ambient_K'?",
+        ),
+        ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
+        ({"leg1": 200.0}, "'leg1' is no condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
         ({"time_s": 1.0, "time_min": 1.0}, "'time_min': the condition 'time' is given twice"),
         ({"leg1_degC": [20.0, 1e300]}, "leg1_degC of command 2: 1e+300 degC is hotter than any melt"),
         ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),

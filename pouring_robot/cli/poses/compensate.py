@@ -178,7 +178,6 @@ def _print_commands(found: Sequence[Compensation]) -> None:
 def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> None:
     """Compensate a whole path, or make the function that does it elsewhere."""
     from pouring_robot.compensation.path import compensate_path, make_controller
-    from pouring_robot.robot.command_table import read_poses
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     heated, files = HeatedRobot(robot, heat), dict[Path, bytes | str]()
@@ -190,7 +189,8 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
             headline, table = made.headline, made.to_frame()
             files = options.wanted(asked.header, made.header)
         else:
-            wanted = [(*pose.position_m, pose.tilt_rad) for pose in read_poses(asked.poses)]
+            poses = robot.read_commands(asked.poses).values()
+            wanted = [(*pose.position_m, pose.tilt_rad) for pose in poses]
             found = compensate_path(heated, wanted, asked.frame, show=show)
             headline, table = found.headline, found.to_frame()
             if not found.answered.any():
