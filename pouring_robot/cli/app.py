@@ -125,8 +125,10 @@ def _run(given: list[str]) -> int:
         _complain(str(error))
         return error.exit_code
     except typer.TyperException as error:  # every complaint about arguments
-        # Typer passes on words of the library that checks values.
+        # Typer passes on words of the library that checks values, but not the value.
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
+        refused = [repr(one["input"]) for one in getattr(error.__cause__, "errors", list)()[:1]]
+        problem += "".join(f" (it is {given})" for given in refused if given not in problem)
         # Where an option lacks values Typer does not say of which command it is.
         words = ["pouring-robot", *itertools.takewhile(lambda word: not word.startswith("-"), given)]
         asked = getattr(getattr(error, "ctx", None), "command_path", " ".join(words))

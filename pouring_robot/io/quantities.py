@@ -144,7 +144,8 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
         if quantity.required and not {quantity.name, quantity.unless} & found.keys():
             others = [h for h in table.headings if h not in known and h.rpartition("_")[2] in UNITS[quantity.kind]]
             renamed = f", or rename {some([repr(heading) for heading in others], 4)} if that is it" if others else ""
-            remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
+            instead = (heading for other in quantities if other.name == quantity.unless for heading in other.headings)
+            remedy = f"the column is missing; add {' or '.join((*quantity.headings, *instead))}"
             raise table.heading_fault(remedy + (separators(table.headings) or renamed), quantity.canonical)
         if quantity.part_of in wholes and quantity.name not in found:
             *parts, last = [other.name for other in quantities if other.part_of == quantity.part_of]

@@ -228,8 +228,11 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     first, *others = errors
     location, line = _in_the_file(content, first["loc"], first["type"] == "missing")
     where = ".".join(str(part) for part in location)
+    strange = False  # a file of another kind need not say so
     if first["type"] == "extra_forbidden":
-        message = f"unknown key '{where}'{_instead(str(location[-1]), _known_fields(model, location[:-1]))}"
+        instead = _instead(str(location[-1]), _known_fields(model, location[:-1]))
+        message = f"unknown key '{where}'{instead}"
+        strange = not instead and len(location) == 1 and "format" in model.model_fields
     elif first["type"] == "missing":
         message = f"key '{where}' is missing"
     else:
@@ -241,7 +244,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
             said += f", with {' and '.join(keys)}" if keys else ""
         message = f"'{where}': {said}{unit}{given}" if where else said
     message += f" (and {len(others)} more)" if others else ""
-    if any(one["loc"] == ("format",) for one in others):
+    if strange or any(one["loc"] == ("format",) for one in others):
         message += f"; wanted is a file of format: {get_args(model.model_fields['format'].annotation)[0]}"
     return message, line
 

@@ -94,6 +94,7 @@ def test_temperatures_in_kelvin(tmp_path):
             ROW + ",300",
             ["'q1_m'", "add q1_m or q1_mm or q1_um, or rename 'l1_mm'"],
         ),
+        (HEADER.replace("x_mm", "operator"), ROW, ["'x_m'", "add x_m or x_mm or x_um or distance_m or distance_mm"]),
         (HEADER + ",q1_m", ROW + ",0.5", ["'q1_m'", "stands already as 'q1_mm'"]),
         (HEADER + ",q1_mm", ROW + ",0.5", ["'q1_mm'", "twice"]),
         (HEADER + ",payload_kgs", ROW + ",5", ["'payload_kgs'", "payload_kg"]),

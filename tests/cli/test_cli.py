@@ -27,6 +27,7 @@ from tests.support import ACTUAL, ROOT, pose_gap
 
 POSES = ROOT / "examples" / "poses.csv"
 AT = ["--at-mm", "-100", "20", "-600", "--tilt-deg", "17"]
+WORKSPACE = "the workspace is x_mm -150 to -50, y_mm -50 to 50, z_mm -825 to -425, tilt_deg "  # the paper's
 
 
 # --- what it says -------------------------------------------------------------------------------------
@@ -277,7 +278,7 @@ def refused(run, tmp_path, code, words, *arguments):
 @pytest.mark.parametrize(
     ("code", "words", "arguments"),
     [
-        (3, ("leg1_s3", "mm beyond"), ["pose", "--at-mm", "0", "0", "-2000"]),
+        (3, ("leg1_s3", "mm beyond", WORKSPACE), ["pose", "--at-mm", "0", "0", "-2000"]),
         (3, ("deg beyond", "'leg"), ["pose", "--at-mm", "0", "0", "-600", "--tilt-deg", "120"]),
         (3, "out of reach", ["pose", "--at-mm", "0", "0", "0"]),
         (2, ("--at-mm", "1e+203", "check the unit"), ["pose", "--at-mm", "1e203", "0", "-600"]),
@@ -291,7 +292,8 @@ def refused(run, tmp_path, code, words, *arguments):
         (2, ("--at-mm", "finite"), ["pose", "--at-mm", "nan", "0", "-600"]),
         (2, ("--at-mm", "finite"), ["pose", "--at-mm", "0", "0", "-inf"]),
         (2, ("--tilt-deg", "finite"), ["pose", "--at-mm", "0", "0", "-600", "--tilt-deg", "nan"]),
-        (2, "--at-mm", ["pose", "--at-mm", "a", "0", "-600"]),
+        (2, ("--at-mm", "(it is 'a')"), ["pose", "--at-mm", "a", "0", "-600"]),
+        (2, ("--false-names", "(it is '5%')"), ["diagnose", POSES, "--out", "o", "--false-names", "5%"]),
         (2, "--tilt-deg", ["pose", "--at-mm", "0", "0", "-600", "--tilt-deg", "steep"]),
         (2, ("--at-mm", "see pouring-robot pose --help"), ["pose", "--at-mm", "0", "0"]),
         (2, "--at-mm", ["pose"]),

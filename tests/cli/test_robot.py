@@ -290,7 +290,9 @@ def test_a_urdf_in_place_of_a_robot_file_says_how_to_make_one(run, tmp_path, dec
 def test_what_file_is_wanted_is_said_of_any_other(run, tmp_path):
     (tmp_path / "m.csv").write_text("x_mm,y_mm\n1,2\n", encoding="utf-8")
     (tmp_path / "m.yaml").write_text("robot: robot.yaml\ndrive_offsets: {}\n", encoding="utf-8")
+    (tmp_path / "c.yaml").write_text("robot: robot.yaml\nmetrology: {sigma_position_mm: 0.03}\n", encoding="utf-8")
     for arguments, says in (
+        (("pose", "--model", "c.yaml"), "unknown key 'metrology'; wanted is a file of format: pouring_robot/model/1"),
         (("pose", "--robot", "m.csv"), "at its top level; give a robot file, robot.yaml"),
         (("pose", "--model", "m.csv"), "at its top level; give a model file, YAML"),
         (("pose", "--robot", "m.yaml"), " more); wanted is a file of format: pouring_robot/robot/1"),

@@ -12,13 +12,14 @@ import numpy as np
 from pouring_robot.cli.shared.bundles import Drawing
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import print_table
-from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.conditioning import AxisWeakness, Dexterity
 from pouring_robot.robot.inverse import Target
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.location_figures import rotation_deg
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command, Robot
 
 
@@ -50,18 +51,36 @@ def print_location(location: Location) -> None:
 
 @contextlib.contextmanager
 def in_its_unit(robot: Robot, command: Command) -> Iterator[None]:
-    """Say of an error where a place that is commanded would be in reach in mm for m, or in m for mm."""
+    """Say of an error where a place that is commanded would be in reach in mm for m, or in m for mm; or what is."""
     try:
         yield
     except NoSolutionError as error:
-        posed: Any = command if isinstance(command, PlatformPose | Target) else None
-        for factor in (1e3, 1e-3) if posed else ():
-            other = replace(posed, position_m=factor * np.asarray(posed.position_m))
-            with contextlib.suppress(NoSolutionError):
-                with contextlib.suppress(BadInputError):  # a place that is reached, and leaves other freedoms open
-                    robot.drives_of(other)
-                error.args = (f"{error}; with x, y, z {factor:g} times as large it is in reach: mm or m?",)
+        hints = [*_in_another_unit(robot, command), *_workspace(robot, command, error)]
+        error.args = ("; ".join([str(error), *hints[:1]]),)
         raise
+
+
+def _in_another_unit(robot: Robot, command: Command) -> Iterator[str]:
+    posed: Any = command if isinstance(command, PlatformPose | Target) else None
+    for factor in (1e3, 1e-3) if posed else ():
+        other = replace(posed, position_m=factor * np.asarray(posed.position_m))
+        with contextlib.suppress(NoSolutionError):
+            with contextlib.suppress(BadInputError):  # a place that is reached, and leaves other freedoms open
+                robot.drives_of(other)
+            yield f"with x, y, z {factor:g} times as large it is in reach: mm or m?"
+
+
+def _workspace(robot: Robot, command: Command, error: NoSolutionError) -> Iterator[str]:
+    """Yield the workspace of the pouring robot where a pose beyond it is out of reach."""
+    if (
+        isinstance(error, UnreachablePoseError)
+        and isinstance(robot, PouringRobot)
+        and isinstance(command, PlatformPose)
+    ):
+        outside_m, outside_rad = robot.outside_workspace(command)
+        if outside_m.any() or outside_rad:
+            axes = (f"{a.heading} {a.shown(a.lower):g} to {a.shown(a.upper):g}" for a in robot.command_axes)
+            yield f"the workspace is {', '.join(axes)}"
 
 
 def location_notes(robot: Robot, drawing: Drawing, model_file: Path | None) -> list[str]:
