@@ -90,8 +90,12 @@ def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
         np.testing.assert_allclose(change, 1e-3 * out**power * about_y / effect.load, rtol=1e-9)
 
 
-def test_a_mast_that_leans_is_named(campaign):
-    found = diagnose(campaign, RobotModel.for_robot(campaign.robot.path))
+@pytest.fixture(scope="module")
+def found(campaign):
+    return diagnose(campaign, RobotModel.for_robot(campaign.robot.path))
+
+
+def test_a_mast_that_leans_is_named(campaign, found):
     assert [effect.cause.effect for effect in found.firm] == ["joint_compliance"]
     assert found.held_out.position("after") < 1.2 * found.held_out.position("floor")
     values = {name.partition(" ")[0]: p for e in found.firm for name, p in found.parameters_of(e)}
@@ -101,9 +105,9 @@ def test_a_mast_that_leans_is_named(campaign):
         assert abs(soft.value - 1e3 * SOFT * load) < 4.0 * soft.std
 
 
-def test_the_model_found_holds_where_a_moment_vanishes(campaign, tmp_path, capsys):
+def test_the_model_found_holds_where_a_moment_vanishes(found, tmp_path, capsys):
     """Straight ahead nothing turns the mast about x: the yield about that axis is there and makes nothing."""
-    diagnose(campaign, RobotModel.for_robot(campaign.robot.path)).save(tmp_path / "found")
+    found.save(tmp_path / "found")
     leant = {}
     for pan in ("0", "90"):
         words = ["pose", "--model", str(tmp_path / "found" / "model.yaml"), "--drives", f"1000 {pan}", "--json"]

@@ -53,6 +53,19 @@ def worn():
     return bench.seen_as(bench.rows, bench.rows.changes(form.parameters, values), np.random.default_rng(8))
 
 
+@pytest.fixture(scope="module")
+def kept():
+    """What is made once, though each test finds the plug-in anew."""
+    return {}
+
+
+@pytest.fixture
+def found(plugin, worn, kept):
+    if not kept:
+        kept["found"] = diagnose(worn)
+    return kept["found"]
+
+
 def test_the_package_is_small_and_says_where_its_class_is():
     settings = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))
     assert settings["project"]["entry-points"][GROUP] == {"screw_wear": "screw_wear:ScrewWear"}
@@ -121,8 +134,7 @@ def test_an_effect_that_says_only_what_it_needs_has_words_too(bench):
     assert sources(effect.needs, conditions.robot) == ("ambient_degC",)
 
 
-def test_diagnosis_names_it_with_its_values(plugin, worn):
-    found = diagnose(worn)
+def test_diagnosis_names_it_with_its_values(plugin, found):
     assert found.judgement.verdict == "named"
     (named,) = found.effects
     assert (named.cause.effect, named.cause.form) == ("screw_wear", "at_600_mm")
@@ -133,9 +145,9 @@ def test_diagnosis_names_it_with_its_values(plugin, worn):
     assert found.held_out.closed > 0.9
 
 
-def test_the_amended_model_holds_it_and_leaves_nothing_over(plugin, worn, tmp_path):
+def test_the_amended_model_holds_it_and_leaves_nothing_over(found, worn, tmp_path):
     """Saved, loaded and diagnosed again: the stack puts the effect in, and no gap is left."""
-    model = RobotModel.load(amended(diagnose(worn)).save(tmp_path / "worn.yaml"))
+    model = RobotModel.load(amended(found).save(tmp_path / "worn.yaml"))
     assert [(entry.effect, entry.form, entry.placed) for entry in model.effects] == [("screw_wear", "at_600_mm", False)]
     assert diagnose(worn, model).judgement.verdict == "no_gap"
 
