@@ -152,7 +152,8 @@ def _like_a_hall(values: FloatArray, hall: FloatArray) -> bool:
 
 def _units(campaign: Campaign) -> Iterator[DataFlag]:
     hall, parts = campaign.conditions.get(columns.AMBIENT), _parts(campaign)
-    flags = [flag for name in parts for flag in _no_temperature(campaign, name, IRON_IN_KELVIN, Severity.WARNING)]
+    hottest = {name: _hottest(campaign, name) for name in parts}
+    flags = [flag for name in parts for flag in _no_temperature(campaign, name, hottest[name], Severity.WARNING)]
     if hall is None:
         yield from flags or _all_in_kelvin(campaign)
         return
@@ -223,6 +224,17 @@ def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
         if halls and high - low < _COLD_K:
             said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
             yield wrong_unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
+
+
+def _hottest(campaign: Campaign, name: str) -> float:
+    """Return how hot a part may be in the middle of a campaign, in °C: nearer to the hottest like it than in kelvin.
+
+    Two others of its kind at least must say; else melting iron.
+    """
+    kinds = campaign.robot.causes.thermometers if campaign.robot.causes else ()
+    others = {other for kind in kinds if name in kind.members for other in kind.members if other != name}
+    middles = [float(np.median(known(campaign, other))) for other in _parts(campaign) if other in others]
+    return max(middles) - 0.5 * ABSOLUTE_ZERO_DEGC if len(middles) > 1 else IRON_IN_KELVIN
 
 
 def _no_temperature(campaign: Campaign, name: str, hottest: float, severity: Severity) -> Iterator[DataFlag]:

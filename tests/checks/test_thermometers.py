@@ -155,6 +155,19 @@ def test_several_parts_in_another_unit_are_told_where_the_machine_begins_cold(ca
     assert units(wrong) == []
 
 
+@pytest.mark.parametrize("begin_K", [0.0, 15.0, 120.0])
+@pytest.mark.parametrize("name", PARTS[:4])
+@pytest.mark.parametrize("read", [PARTS, PARTS[:3]])
+def test_a_leg_in_kelvin_is_told_by_the_others_wherever_the_machine_begins(campaign, name, read, begin_K):
+    """In °C it would be 273 K above where it is among them."""
+    sound = warming(campaign, begin_K, 150.0).with_conditions(**{part: None for part in PARTS if part not in read})
+    assert units(sound) == []
+    if name in read:
+        wrong = sound.with_conditions(**{name: sound.conditions[name] + 273.15})
+        assert units(wrong) == units(wrong.with_conditions(ambient=None)) == [("warning", f"{name}_degC")]
+        assert all("hold kelvin under" in flag.message for flag in check_thermometers(wrong))
+
+
 def test_parts_that_begin_as_warm_as_the_hall_is_in_fahrenheit_are_not_accused(campaign):
     """A machine that begins 48 K warm, stands so or cools to it; one that is soaked to the same in every part."""
     for begin_K, end_K in ((48.0, 120.0), (48.0, 48.0), (120.0, 48.0)):
