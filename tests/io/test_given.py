@@ -34,8 +34,13 @@ def test_others_are_no_whole_numbers_between_bounds(value):
 def test_options_of_a_diagnosis_take_numbers_of_numpy():
     options = DiagnosisOptions(false_names=np.float32(0.5), next_count=np.int64(3))
     assert type(options.false_names) is float
-    for wrong in ({"false_names": 1.0}, {"false_names": "0.05"}, {"false_names": np.nan}, {"next_count": True}):
-        with pytest.raises(BadInputError, match=r"a share between 0 and 1|a whole number from 0 on"):
+    for wrong, said in (
+        ({"false_names": 1.0}, "a share between 0 and 1"),
+        ({"false_names": np.nan}, "a share between 0 and 1"),
+        ({"false_names": "0.05"}, "false_names of DiagnosisOptions is a number, not '0.05'"),
+        ({"next_count": True}, "next_count of DiagnosisOptions is a whole number, not True"),
+    ):
+        with pytest.raises(BadInputError, match=said):
             DiagnosisOptions(**wrong)
 
 
