@@ -38,8 +38,11 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # in warnings of the template, and by the rows that are left out
     always = (FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)  # the one may leave out many rows
-    warnings = [flag for flag in calibration.flags if flag.severity is Severity.WARNING and flag.code not in told]
-    weighty = [flag.message for flag in calibration.flags if flag.code in always or flag in warnings]
+    weighty = [
+        flag.message
+        for flag in calibration.flags
+        if flag.code in always or (flag.severity is Severity.WARNING and flag.code not in told)
+    ]
     failed, refused = calibration.fit.equations.failed.size, calibration.refused
     said = _said(
         "warnings",

@@ -86,18 +86,21 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
         if wrong.size:
             raise table.fault(f"an approach is +1 or -1, not {sides[wrong[0]]:g}", int(wrong[0]), name)
     samples = table.labels.get("sample", tuple(str(i) for i in range(len(values))))
-    return plan_of(robot, values, samples, columns.sessions_of(table), conditions)
+    return plan_of(robot, values, commands.drives, samples, columns.sessions_of(table), conditions)
 
 
 def plan_of(
     robot: Robot,
     commands: FloatArray,
+    drives: FloatArray,
     samples: tuple[str, ...],
     sessions: tuple[str, ...],
     conditions: dict[str, FloatArray],
 ) -> PosePlan:
-    """Return a plan of commands (n, k), in m and rad; approaches that are no conditions follow from the order."""
-    drives = robot.drawing.commands(commands).drives
+    """Return a plan of commands (n, k) and their drives (n, drives), in m and rad.
+
+    Approaches that are no conditions follow from the order.
+    """
     poses = tuple(robot.command_at(row) for row in commands)
     return PosePlan(poses, drives, samples, sessions, approaches(robot.model.definition, drives) | conditions)
 

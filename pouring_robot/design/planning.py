@@ -184,7 +184,8 @@ class Planner:
         index = float(observability_index(quality.singular_values, request.criterion, request.poses))
         axes, robot, left_out = self.robot.command_axes, self.robot.model.definition, self.left_out
         samples = tuple(f"{n}{'b' if side < 0 else ''}" for n, _, _, side in numbered)
-        planned = plan_of(self.robot, poses, samples, ("1",) * len(samples), self._given(conditions))
+        drives, sessions = self.robot.drawing.commands(poses).drives, ("1",) * len(samples)
+        planned = plan_of(self.robot, poses, drives, samples, sessions, self._given(conditions))
         return MeasurementPlan(
             request, axes, robot, self.parameters, left_out, poses, conditions, planned, quality, index
         )
