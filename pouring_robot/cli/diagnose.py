@@ -66,7 +66,6 @@ def diagnose(
             found = run(data, present, chosen, show)
         except DiagnosisError as problem:
             raise DiagnosisError(f"{campaign}: {problem.problem}", problem.mend) from problem
-    with progress.stage_bars(ticking=False) as show:  # beside no thread, so that its pictures are drawn beside it
         show("writing the report", 0, 0)
         written = found.save(out, overwrite=options.OVERWRITE.get())
     if as_json:

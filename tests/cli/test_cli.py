@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import textwrap
 import urllib.request
 
 import numpy as np
@@ -147,6 +148,27 @@ def test_a_terminal_sees_how_far_a_path_is(run, monkeypatch):
     assert "closing" in err
     assert "5/5" in err
     assert len(json.loads(out)["poses"]) == 5
+
+
+def test_the_time_goes_on_between_steps_while_work_can_be_copied_to_another_core():
+    code = """
+        import os, signal, time
+        from pouring_robot.cli.shared.progress import stage_bars
+        from pouring_robot.io.forked import forked
+        with stage_bars() as show:
+            show("searching", 0, 0)
+            with forked(os.getpid) as pid:
+                copied = pid() != os.getpid()
+            end = time.monotonic() + 1.6
+            while time.monotonic() < end:
+                pass
+        print(copied, signal.getitimer(signal.ITIMER_REAL)[0], signal.getsignal(signal.SIGALRM) == signal.SIG_DFL)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    terminal = os.environ | {"FORCE_COLOR": "1", "COLUMNS": "80"}
+    there = subprocess.run(command, env=terminal, capture_output=True, text=True, check=False, timeout=60)
+    assert there.stdout == "True 0.0 True\n", there.stderr
+    assert "0:00:01" in there.stderr
 
 
 def test_the_version(run):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from pouring_robot.cli.shared.options import QUIET
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress
 
 _WIDEST = 60
+_TICK_S = 0.25
 
 
 def time_left(done: float, total: float | None, elapsed_s: float, since_s: float) -> str:
@@ -28,10 +31,10 @@ def time_left(done: float, total: float | None, elapsed_s: float, since_s: float
 
 
 @contextmanager
-def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
+def stage_bars() -> Iterator[Progress]:
     """Show a bar a stage with the time gone and left, and take them away at the end.
 
-    Yields what is told of each step; with ``ticking`` the time goes on between steps, by a thread of its own.
+    Yields what is told of each step; the time goes on between steps.
     """
     from rich import progress
     from rich.console import Console
@@ -55,7 +58,9 @@ def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
         Left(),
     )
     hidden = QUIET.get() or not errors.is_terminal
-    with progress.Progress(*columns, console=errors, transient=True, disable=hidden, auto_refresh=ticking) as bars:
+    here = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+    bars = progress.Progress(*columns, console=errors, transient=True, disable=hidden, auto_refresh=not here)
+    with bars, _ticking(bars.refresh) if here and not hidden else nullcontext():
         tasks: dict[str, progress.TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:
@@ -65,7 +70,17 @@ def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
                     bars.update(known.id, visible=known.finished)
                 tasks[stage] = bars.add_task(stage[:_WIDEST], total=total or None, stepped=time.monotonic())
             bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
-            if not ticking:
-                bars.refresh()
 
         yield show
+
+
+@contextmanager
+def _ticking(act: Callable[[], None]) -> Iterator[None]:
+    """Act again and again, by a signal: beside a thread that did so no work could be copied to another core."""
+    before = signal.signal(signal.SIGALRM, lambda *_: act())
+    signal.setitimer(signal.ITIMER_REAL, _TICK_S, _TICK_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
