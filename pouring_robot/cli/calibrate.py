@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.options import opt, results_folder
-from pouring_robot.cli.shared.tables import print_blocks
+from pouring_robot.cli.shared.tables import print_blocks, print_lines
 
 if TYPE_CHECKING:
     from pouring_robot.calibration.calibrate import Calibration
@@ -86,5 +86,4 @@ def _print(found: Calibration) -> None:
             options.say(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
     options.print_notes(notes_of(found))
     options.say("next:")
-    for line in next_measurements(found):
-        options.say(f"  {line}")
+    print_lines(next_measurements(found))

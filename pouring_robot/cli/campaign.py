@@ -102,23 +102,21 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
         f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         style="bold",
-        soft_wrap=True,
     )
     if compared["undetermined"]:
         count = f"{compared['undetermined']} of {compared['count']}"
-        options.say(f"{count} random plans of as many poses cannot determine the parameters", soft_wrap=True)
+        options.say(f"{count} random plans of as many poses cannot determine the parameters")
     if compared["median_rms_mm"] is not None:
         median = f"{compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad"
         options.say(
             f"random plans of as many poses: {median} (median of {compared['count']}); this one has "
-            f"{compared['ratio_mm']:.0%} of that",
-            soft_wrap=True,
+            f"{compared['ratio_mm']:.0%} of that"
         )
     indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
     options.say(f"observability (per mm, mrad; larger is better): {indices}")
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
     title, head = "expected standard deviation", ("parameter", "std", "unit")
-    print_table(head, rows, title=title, wrap=True, most=_SHOWN, beyond="more (--json has all)")
+    print_table(head, rows, title=title, most=_SHOWN, beyond="more (--json has all)")
     if left := figures["left_out"]:
         beyond = " (--json has all)" if len(left) > _NAMED else ""
         options.say(f"left out, because those above show the same: {some(left, _NAMED)}{beyond}")
@@ -172,7 +170,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
     for flag in figures["flags"]:
         severity = flag["severity"]
         options.say(f"{severity}: {flag['message']}", style=_STYLES[severity])
-        options.say(f"    → {flag['mend']}")
+        options.print_indented(f"→ {flag['mend']}", 4)
 
 
 def _lines(figures: dict[str, Any]) -> Iterator[str]:

@@ -106,20 +106,23 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
     redundant = f" ({robot['equations'] - robot['rank_nominal']} equations redundant)" if robot["loops"] else ""
     options.say(
         f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {robot['bodies']} bodies, "
-        f"{robot['mass_kg']:.0f} kg\n  {joints}, {closures}: {robot['freedoms']} freedoms{redundant}"
+        f"{robot['mass_kg']:.0f} kg"
     )
+    options.print_indented(f"{joints}, {closures}: {robot['freedoms']} freedoms{redundant}")
     if not robot["pose_determined"]:
-        options.say(
-            "  the drives do not determine the pose: name all that is driven, or another home if this one is singular"
+        options.print_indented(
+            "the drives do not determine the pose: name all that is driven, or another home if this one is singular"
         )
     elif robot["drives_beyond_freedoms"] > 0:
-        options.say(
-            "  more drives than freedoms: strike from locked_joints what the loops move, from drives what follows"
+        options.print_indented(
+            "more drives than freedoms: strike from locked_joints what the loops move, from drives what follows"
         )
     if robot["displaced_joints"]:
-        options.say(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
+        options.print_indented(
+            f"as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}"
+        )
     for joint in robot["unseen_displacements"]:
-        options.say(f"  {unseen_note(joint)}")
+        options.print_indented(unseen_note(joint))
     for name, drive in robot["drives"].items():
         edges = [f"{edge:.6g}" if edge is not None else "any" for edge in (drive["lower"], drive["upper"])]
         column = robot["campaign_columns"][name]
@@ -127,9 +130,9 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
         if command := geared.get(name):
             called = f"; {column}_{'mm' if command == 'length' else 'deg'} in campaigns, the {command} of its motor"
         idle = "; moves nothing between base and end body" if name in robot["idle_drives"] else ""
-        options.say(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}{idle}")
+        options.print_indented(f"drive {name}: {' … '.join(edges)} {drive['unit']}{called}{idle}")
     if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
         box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)
         tilt = workspace["tilt"]
-        options.say(f"  workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")
+        options.print_indented(f"workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")

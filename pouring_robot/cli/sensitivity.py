@@ -66,6 +66,6 @@ def sensitivity(
     for line in controls[:_PARTS_SHOWN]:
         options.print_indented(line)
     if len(controls) > _PARTS_SHOWN:
-        options.say(f"  … and {counted(len(controls) - _PARTS_SHOWN, 'more part')} (--out DIR, --json)")
+        options.print_indented(f"… and {counted(len(controls) - _PARTS_SHOWN, 'more part')} (--out DIR, --json)")
     options.say(report.missed_line(found))
     options.print_written(written)

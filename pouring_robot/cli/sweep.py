@@ -66,15 +66,15 @@ def _print(outcome: SweepReport, written: Sequence[Path]) -> None:
     from pouring_robot.sweeps.analysis import report
 
     for k, line in enumerate(report.summary_lines(outcome)):
-        options.say(line, style="" if k else "bold", soft_wrap=True)
+        options.say(line, style="" if k else "bold")
     title = f"the tolerances that matter most ({outcome.summary.frame})"
     _print_first(report.ranking_table(outcome), title)
     if outcome.allocation:
-        options.say(report.allocation_line(outcome.allocation), soft_wrap=True)
+        options.say(report.allocation_line(outcome.allocation))
         _print_first(report.allocation_table(outcome.allocation), "tightest first")
     options.print_written(written)
 
 
 def _print_first(table: Table, title: str) -> None:
     beyond = "more in the report"
-    print_table(table.head, table.rows, table.left, title=title, wrap=True, most=_SHOWN, beyond=beyond)
+    print_table(table.head, table.rows, table.left, title=title, most=_SHOWN, beyond=beyond)

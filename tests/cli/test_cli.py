@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -16,6 +17,7 @@ import psutil
 import pytest
 
 import pouring_robot
+from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -169,6 +171,39 @@ def test_the_time_goes_on_between_steps_while_work_can_be_copied_to_another_core
     there = subprocess.run(command, env=terminal, capture_output=True, text=True, check=False, timeout=60)
     assert there.stdout == "True 0.0 True\n", there.stderr
     assert "0:00:01" in there.stderr
+
+
+def test_a_terminal_of_80_columns_breaks_between_words_and_never_within_a_figure(run, monkeypatch):
+    piped = [run(*command)[1] for command in (["robots"], ["path", POSES])]
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = [re.sub(r"\x1b\[[0-9;]*m", "", run(*command)[1]) for command in (["robots"], ["path", POSES])]
+    assert max(map(len, shown[0].splitlines())) <= 80
+    assert shown[0].split() == piped[0].split()
+    assert "  20 chain joints, 24 closure equations of rank 22: 4 freedoms (2 equations\n  redundant)\n" in shown[0]
+    assert shown[1] == piped[1]  # lines of figures, which the terminal itself breaks
+
+
+def test_texts_of_a_table_fold_where_that_makes_it_fit_a_terminal(capsys, monkeypatch):
+    def printed(columns):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        print_table(("part", "off by mm"), [["places of the lower U joints", "123456.789"]])
+        return re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
+
+    in_a_pipe = ["part                           off by mm", "places of the lower U joints  123456.789"]
+    assert printed(30) == in_a_pipe
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert printed(80) == in_a_pipe
+    folded = [("part", "off by mm"), ("places of the", "123456.789"), ("lower U joints", "")]
+    assert printed(30) == [f"{text:18}  {figure:>10}" for text, figure in folded]
+    assert printed(12) == in_a_pipe  # it does not fit anyway
+
+
+def test_a_path_is_printed_in_one_line(run, tmp_path):
+    file = tmp_path / ("long" * 40) / "path.csv"
+    file.parent.mkdir()
+    assert f"wrote {file}\n" in run("path", POSES, "--out", file)[1]
 
 
 def test_the_version(run):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.cli.shared.bundles import Drawing
-from pouring_robot.cli.shared.options import print_notes, say
+from pouring_robot.cli.shared.options import print_indented, print_notes, say
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.units import MM, MRAD
@@ -115,12 +115,12 @@ def print_closure_note(
             f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
         )
         if actual.rank > nominal.rank:
-            say(
-                f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
+            print_indented(
+                f"the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
                 "parts could meet, so the joints are forced by what is left open"
             )
         if location.loops.redundant_drives:  # the stiffness of joints would make of it what no line carries
-            say("  what is left open is what the redundant drives disagree by, and no load")
+            print_indented("what is left open is what the redundant drives disagree by, and no load")
         else:
             say(
                 f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a "

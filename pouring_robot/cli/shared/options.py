@@ -43,6 +43,7 @@ Point = tuple[float, float, float]
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 INPUTS = ContextVar("inputs", default=frozenset[Path]())
 """Files that the command reads by its options, resolved."""
+_WIDTH = 120
 _OUTPUTS = f"{__name__}.outputs"
 
 
@@ -249,14 +250,17 @@ def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
 
 def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
     """Print a text or a table, unless nothing but errors and JSON is to be printed."""
-    _console().print(what, style=style, soft_wrap=soft_wrap)
+    terminal().print(what, style=style, soft_wrap=soft_wrap)
 
 
-def _console() -> Console:
+def terminal() -> Console:
+    """Return what is printed on: a terminal, or a file or pipe."""
     from rich.console import Console
 
-    # A figure must never be cut: on a narrow terminal long rows wrap instead.
-    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=QUIET.get())
+    console = Console(markup=False, highlight=False, quiet=QUIET.get())
+    if not console.is_terminal:  # whose width is unknown
+        console.width = max(console.width, _WIDTH)
+    return console
 
 
 def print_notes(notes: Iterable[str]) -> None:
@@ -268,10 +272,10 @@ def print_notes(notes: Iterable[str]) -> None:
 def print_written(written: Iterable[Path]) -> None:
     """Say which files were written, one line each."""
     for path in written:
-        say(f"wrote {path}")
+        say(f"wrote {path}", soft_wrap=True)
 
 
 def print_indented(line: str, by: int = 2) -> None:
     """Print a line indented, and as far as it wraps too."""
-    width, space = _console().width, " " * by
+    width, space = terminal().width, " " * by
     say(textwrap.fill(line, width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False))

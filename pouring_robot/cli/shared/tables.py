@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from pouring_robot.cli.shared.options import print_indented, say
+from pouring_robot.cli.shared.options import print_indented, say, terminal
 
 if TYPE_CHECKING:
     from pouring_robot.report.page import Block
@@ -19,15 +19,15 @@ def print_table(
     left: Collection[int] = (0,),
     *,
     title: str | None = None,
-    wrap: bool = False,
     bold: Collection[int] = (),
     most: int | None = None,
     beyond: str = "",
 ) -> None:
     """Print a table of plain texts without a frame, of a long one its beginning and what is said of the others.
 
-    Cells at the end of a row may be left out. Columns in ``left`` are set to the left, the others, figures, to the
-    right; ``wrap`` lets long cells go on in the next line; rows in ``bold`` stand out.
+    Cells at the end of a row may be left out. Columns in ``left`` are texts, set to the left, which go on in the next
+    line where that makes the table fit a terminal; the others are figures, set to the right and never cut. Rows in
+    ``bold`` stand out.
     """
     from rich.console import Console
     from rich.measure import Measurement
@@ -35,13 +35,14 @@ def print_table(
 
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for k, name in enumerate(head):
-        table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
+        table.add_column(name, justify="left" if k in left else "right", no_wrap=k not in left)
     for k, row in enumerate(rows[:most]):
         table.add_row(*row, style="bold" if k in bold else None)
-    if not wrap:  # as wide as it needs to be: a cell is never cut
-        wide = Console(width=10_000)
-        table.width = Measurement.get(wide, wide.options, table).maximum
-    say(table, soft_wrap=not wrap)
+    wide, here = Console(width=10_000), terminal()
+    needed = Measurement.get(wide, wide.options, table)
+    fits = here.is_terminal and needed.minimum <= here.width
+    table.width = min(needed.maximum, here.width) if fits else needed.maximum
+    say(table, soft_wrap=True)
     if most is not None and len(rows) > most:
         say(f"… and {len(rows) - most} {beyond}")
 
