@@ -63,7 +63,10 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     lines = parameter_lines(calibration)
     held = [line.name for line in lines if line.learnt < LEARNT]
     dropped = _dropped(calibration)
-    said = _said("notes", c=calibration, held=len(held), names=some(held, 6), count=len(lines), dropped=dropped)
+    times = _times_the_tolerances(calibration)
+    said = _said(
+        "notes", c=calibration, held=len(held), names=some(held, 6), count=len(lines), dropped=dropped, times=times
+    )
     return [*calibration.untold, *said]
 
 
@@ -99,8 +102,11 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
     squared = sum((p.value / p.prior_std) ** 2 for p in lines)
     kept, fit = slice(FRAMES, FRAMES + len(lines)), calibration.fit
     learnt = float(fit.learnt[kept].sum())
-    if not (learnt > 0.0 and scipy.special.chdtrc(learnt, squared) < FALSE_ALARMS):
+    if learnt <= 0.0:
         return 1.0
+    nearer, farther = (tail(learnt, squared) < FALSE_ALARMS for tail in (scipy.special.chdtr, scipy.special.chdtrc))
+    if not farther:
+        return math.sqrt(squared / learnt) if nearer else 1.0
     prior, moved = fit.prior_std[kept], calibration.in_place_of_dropped[kept]
     scatter = np.eye(len(lines)) + (moved @ moved.T - fit.covariance[kept, kept]) / np.outer(prior, prior)
     mean, scale = float(np.trace(scatter)), float(np.square(scatter).sum() / np.trace(scatter))

@@ -160,6 +160,21 @@ def test_values_beyond_their_tolerances_are_told(found):
     assert [f"is {times:.1f} times as far off" in line for line in told(bad)] == [True]
 
 
+def test_parts_that_are_better_than_their_tolerances_are_told(found):
+    """To a robot that is a fifth as far off, tolerances that say so are what narrows the intervals."""
+
+    def told(one):
+        return [line for line in notes_of(one) if "times as far off as its tolerances" in line]
+
+    assert not told(found)
+    nearer = replace(found.fit.unknowns, values=0.2 * found.fit.unknowns.values)
+    good = replace(found, fit=replace(found.fit, unknowns=nearer))
+    frame = good.to_frame()
+    times = np.sqrt(((frame["value"] / frame["prior_std"]) ** 2).sum() / frame["learnt"].sum())
+    assert times < 0.5
+    assert [f"is {times:.2f} times as far off" in line for line in told(good)] == [True]
+
+
 def test_rows_that_are_worse_one_by_one_are_told_though_their_values_are_not(found):
     """Rows of one coordinate count as much as rows of three."""
     sigma, test = found.noise.position_m, found.split.test
