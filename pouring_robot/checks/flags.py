@@ -142,7 +142,8 @@ class FlagCode(enum.StrEnum):
     OUTLIER = _warning("outlier", "measure the pose again, or leave the row out")
     MEASUREMENT_JUMP = _warning(
         "measurement_jump",
-        "if the tracker or the target was moved, name a new session there; if not, the robot's base has settled",
+        "if the tracker was moved, name a new session there; if the target was, put the rows from there into a "
+        "campaign of their own; if neither, the robot's base has settled",
     )
 
 

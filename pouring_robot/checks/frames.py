@@ -59,9 +59,10 @@ _TELLING_ROWS = 20  # of a session: with fewer its own frames, twelve unknowns, 
 
 
 def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campaign, list[DataFlag]]:
-    """Return a campaign seen from one place; with a finding, where it does not say that it was not.
+    """Return a campaign seen from one place, and what sessions say of places of tracker and target.
 
-    That is where each session by itself agrees with the robot far better than all from one place.
+    That they measured from places of their own is a finding where the campaign does not say so, and each by itself
+    agrees with the robot far better than all from one place.
     """
     if len(set(campaign.sessions)) < 2:
         return campaign, []
@@ -75,15 +76,17 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         before, after = (one.fit(1.0).position_scale_m for one in compared)
     except (CampaignError, FrameFitError):
         return campaign, []  # too few rows to say
+    # Seen from wherever it takes: what is left then no place of the tracker explains.
+    remounted = list(_targets_moved(together, poses))
     moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
     if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
-        return campaign, []
+        return campaign, remounted
     message = (
         f"sessions measured from places up to {moved:.3g} m apart: from one place they miss the robot by "
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
     together = dataclasses.replace(together, distance_m=campaign.distance_m)
-    return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
+    return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved}), *remounted]
 
 
 def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
@@ -96,18 +99,21 @@ def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
     shared = everything.fit(1.0)
     for session, members in told.items():
         own = everything[members].fit(1.0)
-        sizes = [(robust_sigma(shared.position_residual_m[members]), own.position_scale_m, _SUSPECT_M, MM, "mm")]
+        away = robust_sigma(shared.position_residual_m[members])
+        sizes = [(away, own.position_scale_m, _SUSPECT_M, _HOPELESS_M, MM, "mm")]
         if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
             turned = robust_sigma(shared.rotation_residual_rad[members])
-            sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, MRAD, "mrad"))
-        if any(before > max(least, _TIMES_BETTER * after) for before, after, least, _, _ in sizes):
-            one = " and ".join(f"{before / si:.3g} {unit}" for before, _, _, si, unit in sizes)
-            other = " and ".join(f"{after / si:.3g} {unit}" for _, after, _, si, unit in sizes)
+            sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, _HOPELESS_RAD, MRAD, "mrad"))
+        if any(before > max(least, _TIMES_BETTER * after) for before, after, least, *_ in sizes):
+            one = " and ".join(f"{before / si:.3g} {unit}" for before, *_, si, unit in sizes)
+            other = " and ".join(f"{after / si:.3g} {unit}" for _, after, *_, si, unit in sizes)
+            hopeless = any(before > most for before, _, _, most, *_ in sizes)
             message = (
                 f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
                 f"its rows miss the robot by {one} a component, with one of its own by {other}"
             )
-            yield flagged(campaign, FlagCode.TARGET_MOVED, message, members)
+            severity = Severity.ERROR if hopeless else Severity.WARNING
+            yield flagged(campaign, FlagCode.TARGET_MOVED, message, members, severity=severity)
 
 
 class FrameChecks:

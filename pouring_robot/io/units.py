@@ -29,7 +29,7 @@ _OF_ERRORS = {
 QuantityKind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
 
 UNITS: dict[QuantityKind, dict[str, tuple[float, float]]] = {
-    "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},
+    "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0), "in": (1.0 / 0.0254, 0.0)},
     "angle": {"rad": (1.0, 0.0), "mrad": (1e3, 0.0), "deg": (180.0 / math.pi, 0.0)},
     "force": {"N": (1.0, 0.0), "kN": (1e-3, 0.0)},
     "moment": {"Nm": (1.0, 0.0)},

@@ -47,7 +47,7 @@ UNITS = {
     "q1": (0.5505, {"m": 1.0, "mm": 1e3}),
     "q4": (-0.0859, {"rad": 1.0, "mrad": 1e3, "deg": 180 / np.pi}),
     "truss_travel": (2.5, {"m": 1.0, "mm": 1e3}),
-    "x": (0.125, {"m": 1.0, "mm": 1e3}),
+    "x": (0.125, {"m": 1.0, "mm": 1e3, "um": 1e6, "in": 1.0 / 0.0254}),
     "rx": (0.01, {"rad": 1.0, "mrad": 1e3, "deg": 180 / np.pi}),
 }
 BASE = {
@@ -92,9 +92,13 @@ def test_temperatures_in_kelvin(tmp_path):
         (
             HEADER.replace("q1", "l1") + ",leg1_K",
             ROW + ",300",
-            ["'q1_m'", "add q1_m or q1_mm or q1_um, or rename 'l1_mm'"],
+            ["'q1_m'", "add q1_m or q1_mm or q1_um or q1_in, or rename 'l1_mm'"],
         ),
-        (HEADER.replace("x_mm", "operator"), ROW, ["'x_m'", "add x_m or x_mm or x_um or distance_m or distance_mm"]),
+        (
+            HEADER.replace("x_mm", "operator"),
+            ROW,
+            ["'x_m'", "add x_m or x_mm or x_um or x_in or distance_m or distance_mm"],
+        ),
         (HEADER + ",q1_m", ROW + ",0.5", ["'q1_m'", "stands already as 'q1_mm'"]),
         (HEADER + ",q1_mm", ROW + ",0.5", ["'q1_mm'", "twice"]),
         (HEADER + ",payload_kgs", ROW + ",5", ["'payload_kgs'", "payload_kg"]),

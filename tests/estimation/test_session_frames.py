@@ -149,6 +149,27 @@ def test_data_without_noise_are_no_target_mounted_anew():
     assert FlagCode.TARGET_MOVED not in codes
 
 
+@pytest.mark.parametrize(("name", "frames"), [("arm", "one"), ("pouring", "one"), ("arm", PER_SESSION)])
+def test_a_target_that_was_mounted_anew_is_told_by_the_session(name, frames):
+    """From the middle on it sits elsewhere, which no place of the tracker explains."""
+    campaign = measured(name, 90, 6)
+    drawing, later = MODELS[name].definition.drawing(), np.arange(90) >= 45
+    metadata = campaign.metadata.model_copy(update={"frames": frames})
+    sessions = tuple("b" if anew else "a" for anew in later)
+
+    def told(shift_m, turn_rad):
+        position, rotation = np.array(campaign.position_m), rotation_matrices(campaign.rotation_vector_rad)
+        position[later] += rotation[later] @ shift_m
+        rotation[later] = rotation[later] @ pin.exp3(np.array([0.0, 0.0, turn_rad]))
+        changed = {"position_m": position, "rotation_vector_rad": rotation_vectors(rotation), "sessions": sessions}
+        found = check_campaign(dataclasses.replace(campaign, metadata=metadata, **changed), drawing)
+        return {flag.severity for flag in found if flag.code is FlagCode.TARGET_MOVED}
+
+    assert not told(np.zeros(3), 0.0)
+    assert told(np.array([0.022, 0.022, 0.0]), 0.0) == {Severity.WARNING}
+    assert told(np.array([0.0, 0.06, 0.0]), 0.7) == {Severity.ERROR}  # nothing fits with it
+
+
 def test_what_cannot_be_told_is_refused():
     campaign = measured("arm", 60, 5)
     few = dataclasses.replace(moved(campaign, 5), sessions=("a",) * 56 + ("b",) * 4)
