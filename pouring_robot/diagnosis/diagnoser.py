@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, SeenRows, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.stack import local_changes
 from pouring_robot.estimation.intervals import largest_std
@@ -121,8 +122,11 @@ class Diagnoser:
         return replace(self.asked, by_chance=chance_level(Hypothesis.nothing(problem), self.asked.false_names))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
-        every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
+        every_row = self.rows.linearised(self._put_in(parameters, values, frames))
         return LinearState(parameters, values, frames, every_row, self.fitted)
+
+    def _put_in(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> SeenRows:
+        return self.rows.seen(self.rows.changes(parameters, values), frames)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
         """Return the search's problem linearised at a state for the fitted rows, or with those held out among them.
@@ -309,20 +313,21 @@ class Diagnoser:
         for halved in range(_HALVINGS):
             share = 0.5**halved
             count = len(parameters) if halved else len(found)
-            values = (from_here + share * (wanted - from_here))[:count]
-            try:
-                new = self._state(parameters[:count], values, state.frames.moved(share * step))
-            except DiagnosisError:
-                continue
-            gone = before - self._signature(parameters[:count], values, linear) - linear.frame_columns @ (share * step)
-            off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
-            # A step that is off by more than half of what it moves is outside of what the derivatives say, and one that
-            # gains less than half of what it should may lead back and forth: they are asked nearer.
-            foretold = now + gone
-            there = foretold + off
-            gains = there @ there <= 0.5 * (now @ now + foretold @ foretold)
-            if gains or off @ off <= _TRUST * (gone @ gone) + _EXACT**2 * len(off):
-                return new, rms(off) / share**2
+            put, values = parameters[:count], (from_here + share * (wanted - from_here))[:count]
+            frames = state.frames.moved(share * step)
+            with suppress(DiagnosisError):  # rows that do not close there, or are singular, are asked nearer
+                there = self._put_in(put, values, frames)
+                gone = before - self._signature(put, values, linear) - linear.frame_columns @ (share * step)
+                off = there.alone.of(self.fitted).residual - (linear.residual + gone)
+                # A step that is off by more than half of what it moves is outside of what the derivatives say, and one
+                # that gains less than half of what it should may lead back and forth: they are asked nearer.
+                foretold = now + gone
+                reached = foretold + off
+                gains = reached @ reached <= 0.5 * (now @ now + foretold @ foretold)
+                if gains or off @ off <= _TRUST * (gone @ gone) + _EXACT**2 * len(off):
+                    # Of a step that is refused nobody wants the derivatives, which take as long as closing it.
+                    new = LinearState(put, values, frames, self.rows.linearised(there), self.fitted)
+                    return new, rms(off) / share**2
         return state, math.inf
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:

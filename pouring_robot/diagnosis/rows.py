@@ -29,7 +29,7 @@ from pouring_robot.estimation.frames.sessions import base_displacements, numbers
 from pouring_robot.estimation.kinds import are
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
-from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
 from pouring_robot.inference.processes import Channel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
@@ -135,6 +135,17 @@ class LinearRows(WhitenedRows):
         return np.asarray(self.told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
 
 
+@dataclass(frozen=True, eq=False)
+class SeenRows:
+    """Rows with changes put in: their loops closed, and nothing differentiated yet."""
+
+    frames: SeenFrom  # from where they are seen
+    before: RowChanges  # what was changed in them before
+    total: RowChanges  # with the changes
+    prediction: Prediction  # what should be seen
+    alone: WhitenedRows  # what that leaves of what is
+
+
 def told_directions(columns: FloatArray) -> FloatArray:
     """Return the directions (k, r) of unknowns that rows tell beyond what is known from the start, by columns (m, k).
 
@@ -233,25 +244,42 @@ class CampaignRows:
 
     def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
         """Close the loops with changes put in, and differentiate."""
-        given, model = self._given, self.measurement
-        given = replace(given, base=given.base + base_displacements(frames.sessions, self._session))
-        total = given + changes
-        seen = model.differentiated(self._seen(total, frames), frames, model.parameters, total.placements, total.base)
-        equations = whiten(self.measured, seen)
-        if equations.failed.size or equations.jacobian is None:
+        return self.linearised(self.seen(changes, frames))
+
+    def seen(self, changes: RowChanges, frames: SeenFrom) -> SeenRows:
+        """Close the loops with changes put in; raises DiagnosisError where some rows do not."""
+        before = replace(self._given, base=self._given.base + base_displacements(frames.sessions, self._session))
+        total = before + changes
+        prediction = self._seen(total, frames)
+        left = self._whitened(prediction)
+        alone = WhitenedRows(left.residual, left.rows, left.components, self.measured.sigma[left.components])
+        return SeenRows(frames, before, total, prediction, alone)
+
+    def _whitened(self, prediction: Prediction) -> WhitenedEquations:
+        """Return the equations of all rows; raises DiagnosisError where some have no prediction."""
+        equations = whiten(self.measured, prediction)
+        if equations.failed.size:
             raise DiagnosisError(
                 f"{equations.failed.size} rows do not close with the changes found",
                 "check the campaign with `pouring-robot campaign check`",
             )
+        return equations
+
+    def linearised(self, there: SeenRows) -> LinearRows:
+        """Differentiate rows where they are; raises DiagnosisError where some are singular there."""
+        frames, total, model = there.frames, there.total, self.measurement
+        seen = model.differentiated(there.prediction, frames, model.parameters, total.placements, total.base)
+        equations = self._whitened(seen)
+        jacobian = equations.derivatives
         # The device's scale stretches positions about the tracker's own origin.
         stretched = self.measured.stretched(seen) / (1.0 + total.scale[:, None])
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
         own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
         disagreement = seen.disagreement if seen.disagreement is None else seen.disagreement[..., :FRAMES]
-        at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, given.base), disagreement=disagreement)
+        at_rest = replace(seen, jacobian=frames.jacobian(seen.poses, there.before.base), disagreement=disagreement)
         still = whiten(self.measured, at_rest).derivatives
-        prediction = np.negative(equations.jacobian, out=equations.jacobian)
+        prediction = np.negative(jacobian, out=jacobian)
         rows, start, by_start = equations.rows, equations.rows.copy(), np.zeros((len(sigma), 0))
         for instrument in self.measured.others:
             if (found := instrument.starts(seen)) is None:

@@ -9,6 +9,7 @@ import pytest
 
 from pouring_robot.diagnosis import conclusions
 from pouring_robot.diagnosis.diagnoser import Diagnoser
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.intervals import Z95, deviations95
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -66,15 +67,15 @@ def test_what_forms_share_is_known_as_well_as_their_sum(hot):
 
 def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypatch):
     """Nothing moves, which is no answer that stays: other causes are to be tried, and the same step is not again."""
-    put_in, refused = Diagnoser._state, []
+    put_in, refused = Diagnoser._put_in, []
 
-    def state(self, parameters, *given):
+    def tried(self, parameters, *given):
         if parameters:
             refused.append(parameters)
             raise DiagnosisError("no pose closes", "measure others")
         return put_in(self, parameters, *given)
 
-    monkeypatch.setattr(Diagnoser, "_state", state)
+    monkeypatch.setattr(Diagnoser, "_put_in", tried)
     found = hot.diagnoser._followed(lambda at: hot.hypothesis.on(hot.diagnoser.problem_at(at)))
     assert found.bent == np.inf
     assert found.state.parameters == ()
@@ -83,9 +84,9 @@ def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypat
 
 def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeypatch):
     """Gone at once, half a step would lead back to the drawing; of two values of one parameter each goes by half."""
-    put_in, asked = Diagnoser._state, []
+    put_in, asked = Diagnoser._put_in, []
 
-    def state(self, parameters, values, frames):
+    def tried(self, parameters, values, frames):
         asked.append((parameters, values))
         if len(asked) == 1:
             raise DiagnosisError("no pose closes", "measure others")
@@ -93,13 +94,34 @@ def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeyp
 
     diagnoser, after = hot.diagnoser, hot.after
     twice, shares = 2 * after.parameters, np.concatenate([0.75 * after.values, 0.25 * after.values])
-    there = put_in(diagnoser, twice, shares, after.frames)
+    there = diagnoser._state(twice, shares, after.frames)
     nothing = Hypothesis.nothing(diagnoser.problem_at(there)).with_levels_of(())
-    monkeypatch.setattr(Diagnoser, "_state", state)
+    monkeypatch.setattr(Diagnoser, "_put_in", tried)
     new, _ = diagnoser._advanced(there, nothing)
     assert asked[0][0] == ()  # a whole step leaves nothing
     halves = {one: (0.375 * value, 0.125 * value) for one, value in zip(after.parameters, after.values, strict=True)}
     assert {one: pytest.approx(values) for one, values in halves.items()} == new.by_parameter
+
+
+def test_of_steps_that_lead_too_far_nothing_is_differentiated(hot, monkeypatch):
+    """Derivatives take as long as closing the loops, and only those of the step that is taken are of use."""
+    put_in, linearised, tried, used = Diagnoser._put_in, CampaignRows.linearised, [], []
+
+    def worse(self, *given):
+        there = put_in(self, *given)
+        tried.append(there)
+        if len(tried) == 3:
+            return there
+        return replace(there, alone=replace(there.alone, residual=there.alone.residual + 1e3))
+
+    diagnoser = hot.diagnoser
+    here = diagnoser.at_rest()
+    found = hot.hypothesis.on(diagnoser.problem_at(here))
+    monkeypatch.setattr(Diagnoser, "_put_in", worse)
+    monkeypatch.setattr(CampaignRows, "linearised", lambda rows, there: used.append(there) or linearised(rows, there))
+    new, _ = diagnoser._advanced(here, found)
+    assert len(tried) == 3 and used == tried[2:]
+    np.testing.assert_array_equal(new.every_row.residual, tried[2].alone.residual)
 
 
 @pytest.mark.parametrize("copied", [False, True])
