@@ -1,13 +1,13 @@
 """What a page shows: its blocks, its commands with the output under them, and whether that is what they print."""
 
 import re
+import runpy
 import shlex
-import subprocess
-import sys
+import warnings
 from pathlib import Path
+from unittest.mock import patch
 
 from pouring_robot.cli.app import main
-from tests.support import ROOT
 
 
 def fences(page: Path, *kinds: str) -> list[tuple[str, str]]:
@@ -46,6 +46,8 @@ def what_it_prints(command, capfd):
     if program == "pouring-robot":
         assert main(arguments) == 0, command
     else:
-        assert Path(program).name == "python", command
-        subprocess.run([sys.executable, *arguments], check=True, env={"PYTHONPATH": str(ROOT)})
+        assert (Path(program).name, arguments[0]) == ("python", "-m"), command
+        with patch("sys.argv", arguments[1:]), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # other tests may have loaded that module
+            runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
     return capfd.readouterr().out
