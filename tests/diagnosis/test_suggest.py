@@ -189,8 +189,14 @@ def confounded(trapped):
     return trapped("one_side")[1]
 
 
-def test_suggestions_can_be_commanded_and_written(confounded):
-    found = suggest_measurements(confounded, count=4, seed=5)
+@pytest.fixture(scope="module")
+def four(confounded):
+    """What to measure next, where there is time for four measurements."""
+    return suggest_measurements(confounded, count=4, seed=5)
+
+
+def test_suggestions_can_be_commanded_and_written(confounded, four):
+    found = four
     assert len(found.measurements) == 4
     robot = PouringRobot(confounded.model)
     lower, upper = (corner[:3] for corner in robot.layout.box)
@@ -208,9 +214,9 @@ def test_suggestions_can_be_commanded_and_written(confounded):
     assert len({m.rank for m in found.measurements}) == 4
 
 
-def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded):
+def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded, four):
     """The pairs were there, each with "no pose tells them apart", though four measurements do."""
-    assert suggest_measurements(confounded, count=4).separations
+    assert four.separations
     none = suggest_measurements(confounded, count=0)
     assert (none.measurements, none.separations, none.failed) == ((), (), "")
     for count in (-1, 1.5, "3"):

@@ -573,8 +573,8 @@ def test_a_headline_says_where_workmanship_makes_more_of_the_gap(tmp_path):
     assert not [line for line in note_lines(told) if "workmanship" in line]  # once is enough
 
 
-def test_a_stated_noise_that_is_too_small_is_told_as_such(tmp_path):
-    data = campaign(tmp_path, NOTHING)
+def test_a_stated_noise_that_is_too_small_is_told_as_such(nothing):
+    data = nothing.campaign
     halves = {key: 0.5 * getattr(data.metadata, key) for key in ("sigma_position_m", "sigma_rotation_rad")}
     stated = data.metadata.model_copy(update=halves)
     found = diagnose(replace(data, metadata=stated))
@@ -587,7 +587,7 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(tmp_path):
     )
     assert found.headline.startswith(f"UNKNOWN: {said}")
     assert any(line.startswith("measure some poses three times") for line in next_lines(found))
-    assert diagnosis_metrics(diagnose(data), "model.yaml")["noise_left"] is None
+    assert diagnosis_metrics(nothing, "model.yaml")["noise_left"] is None
 
 
 def test_joints_are_named_beside_a_noise_that_is_stated_too_small():
