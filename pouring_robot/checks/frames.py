@@ -285,7 +285,8 @@ class FrameChecks:
             return
         if mirrored is not None and self._turns:
             self._which_axes(mirrored)
-        self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
+        alone = self.data.rotation_vector_rad is None
+        self.fit = fit if alone else self.data.fit(self.campaign.metadata.metres_per_rad)
 
     def _which_axes(self, mistake: Mistake) -> None:
         """Name the axes that are mirrored, where rotations tell them: as they are, they fit one mirror image only."""

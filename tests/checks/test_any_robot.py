@@ -15,6 +15,7 @@ from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
 from pouring_robot.checks.stated_noise import _by_weight
 from pouring_robot.cli.app import main
+from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import codes, damaged
@@ -83,6 +84,22 @@ def scaled(campaign, factor):
 def test_sound_data_pass(machine, full):
     campaign = machine.campaign if full else damaged(machine.campaign, rotation_vector_rad=None)
     assert check_campaign(campaign, machine.drawing) == []
+
+
+@pytest.mark.parametrize("machine", ["arm"], indirect=True)
+@pytest.mark.parametrize(("full", "fits"), [(True, 3), (False, 1)])
+def test_the_frames_of_sound_data_are_fitted_once_a_question(machine, full, fits, monkeypatch):
+    """To positions alone, to judge rotations, and to both; without rotations that is one."""
+    asked = []
+    fitted = lambda *given, **how: asked.append(given) or fit_frames(*given, **how)  # noqa: E731
+    monkeypatch.setattr("pouring_robot.checks.units_and_axes.fit_frames", fitted)
+    campaign = machine.campaign if full else damaged(machine.campaign, rotation_vector_rad=None)
+    found = examine(campaign, machine.drawing)
+    assert len(asked) == fits
+    turns = rotation_matrices(campaign.rotation_vector_rad) if full else None
+    poses = nominal_poses(machine.drawing, campaign.drives)
+    again = fit_frames(poses, campaign.position_m, turns, campaign.metadata.metres_per_rad)
+    np.testing.assert_array_equal(found.fit.position_residual_m, again.position_residual_m)
 
 
 @pytest.mark.parametrize("full", [True, False])
