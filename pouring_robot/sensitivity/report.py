@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import write_together
 from pouring_robot.io.given import Options, as_tuple, whole
@@ -85,6 +85,7 @@ class SensitivityReport(Result):
     missed_m: tuple[float, float]
     # the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot
     dh: tuple[DHParameter, ...] = ()
+    unsolved: int = 0  # exact closures it was compared with that have no solution
 
     @functools.cached_property
     def rows(self) -> list[dict[str, Any]]:
@@ -153,7 +154,11 @@ class SensitivityReport(Result):
             "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
             "limit_mm": self.request.limit_m / MM,
             "control": [dict(one) for one in self.controls],
-            "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
+            "first_order_misses_mm": {
+                "by": self.missed_m[0] / MM,
+                "where_it_moves": self.missed_m[1] / MM,
+                "without_solution": self.unsolved,
+            },
             "parameters": [dict(row) for row in self.rows],
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
@@ -269,7 +274,8 @@ def _shape(along: FloatArray) -> str:
 def missed_line(found: SensitivityReport) -> str:
     """Return by how much first order misses."""
     missed, moved = (value / MM for value in found.missed_m)
-    return f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
+    said = f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
+    return said + (f"; {counted(found.unsolved, 'closure')} had no solution" if found.unsolved else "")
 
 
 def control_lines(found: SensitivityReport) -> list[str]:

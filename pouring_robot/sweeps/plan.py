@@ -310,8 +310,8 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
     box = command_box(robot.command_axes)
     found = np.empty((0, box[0].size))
     for _ in range(_MOST_ROUNDS):
-        drawn = agreed(drawing, generator.uniform(*box, size=(count, box[0].size)))
-        found = np.concatenate([found, drawn[_stands(robot, drawing.commands(drawn))]])
+        drawn, agree = agreed(drawing, generator.uniform(*box, size=(count, box[0].size)))
+        found = np.concatenate([found, drawn[agree & _stands(robot, drawing.commands(drawn))]])
         if len(found) >= count:
             return drawing.commands(found[:count])
     raise config.problem("hardly any drive values close within the joint limits; give poses.file")

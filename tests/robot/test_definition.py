@@ -492,3 +492,12 @@ def test_redundant_drives_agree_all_over_the_workspace():
     assert np.abs(engine_for(drawing.mechanism).close(drives, start).residual).max() < 1e-9
     lower, upper = np.transpose([(axis.lower, axis.upper) for axis in robot.command_axes(drawing.mechanism)])
     assert ((lower <= drives) & (drives <= upper)).all()
+
+
+def test_lines_that_agree_are_as_long_as_the_way_to_their_anchors():
+    """Where a line runs along an axis of its anchor it cannot turn further: there lines agree and loops gape."""
+    robot = RobotDefinition.load("examples/machines/hangprinter/robot.yaml")
+    drives, start = robot.workspace(robot.drawing(), 90)
+    anchors = np.array([[0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0, 0, 2.355]])
+    assert len(drives) > 60
+    np.testing.assert_allclose(np.linalg.norm(start.position[:, None] - anchors, axis=2), drives, atol=1e-9)

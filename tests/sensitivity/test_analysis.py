@@ -4,19 +4,21 @@ import html
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, OutputError
+from pouring_robot.mechanism.local_parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.sensitivity.analysis import sensitivity
-from pouring_robot.sensitivity.report import Request
+from pouring_robot.sensitivity.report import Request, missed_line
 from pouring_robot.sensitivity.samples import peak
 from scripts.paper.geometry.study import run_study
 from tests.support import ACTUAL, ROOT, gantry_file
 
-DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
+DELTA, FIVE_BAR = (ROOT / "examples" / "robots" / name / "robot.yaml" for name in ("delta", "five_bar"))
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +71,35 @@ def test_first_order_and_exact_closures_are_compared(pouring):
     assert 0.0 < missed < 0.05 * moved
     tenth = sensitivity(None, Request(poses=300, seed=5, length_m=2e-5, angle_rad=4e-4))
     assert tenth.missed_m[0] < 0.03 * missed  # of second order
+
+
+@pytest.mark.parametrize("name", ["hexapod", "five_bar"])
+def test_no_exact_closure_misses_by_more_than_is_said(name):
+    """Errors that move the robot far at one pose only count, and those that move it little, but bend."""
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / name / "robot.yaml")
+    found = sensitivity(model, Request(poses=300))
+    robot, moved = Robot(model), found.samples[0]
+    drives, _ = model.definition.workspace(robot.drawing, 300)
+    missed = []
+    for k in np.argsort(-moved.distance_m.max(axis=1))[:12].tolist():
+        local, size = moved.parameters[k].local, 2e-4 if moved.parameters[k].unit == "m" else 4e-3
+        if isinstance(local, DriveParameter):
+            built = model.displaced({}, {local.joint: size})
+        else:
+            built = model.displaced({local.joint: pin.exp6(pin.Motion(size * np.array(local.twist)))}, {})
+        at = np.argsort(-moved.distance_m[k])[:40]
+        exact = Robot(built).locate_drives(drives[at]).error_position.sel(frame=found.frame).to_numpy()
+        missed.append(np.linalg.norm(exact - moved.translation_m[k, at], axis=1).max())
+    assert max(missed) > 5e-6
+    assert found.missed_m[0] >= max(missed) - 1e-9
+    assert found.unsolved == 0
+
+
+def test_errors_with_which_the_robot_does_not_close_are_counted():
+    wide = sensitivity(FIVE_BAR, Request(poses=20, angle_rad=0.3))
+    assert wide.unsolved > 0 and wide.missed_m[0] > 1e-3
+    assert f"{wide.unsolved} closures had no solution" in missed_line(wide)
+    assert wide.figures()["first_order_misses_mm"]["without_solution"] == wide.unsolved
 
 
 @pytest.mark.parametrize("name", ["delta", "arm", "five_bar"])

@@ -306,8 +306,9 @@ class RobotDefinition:
 
         Redundant drives agree there. What does not close, or with joints beyond limits, is left out.
         """
-        commands = drawing.commands(agreed(drawing, self._spread(drawing.mechanism, count)))
-        kept = np.flatnonzero(drawing.in_reach(commands.start))
+        drives, agree = agreed(drawing, self._spread(drawing.mechanism, count))
+        commands = drawing.commands(drives)
+        kept = np.flatnonzero(agree & drawing.in_reach(commands.start))
         return commands.drives[kept], commands.start[kept]
 
     def _spread(self, mechanism: ClosedChainMechanism, count: int) -> FloatArray:

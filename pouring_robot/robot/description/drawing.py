@@ -35,6 +35,11 @@ class Drawing:
         self.mechanism, self._home, self._options = mechanism, dict(home), options
         self._known: dict[tuple[int, bytes], BatchStart] = {}
 
+    @property
+    def most_open(self) -> tuple[float, float]:
+        """How far its loops may be open where it stands: m and rad."""
+        return self._options.max_gap_m, self._options.max_gap_rad
+
     @functools.cached_property
     def engine(self) -> Engine:
         """What closes it for many drive values; loops may be open as those with errors."""
@@ -88,13 +93,14 @@ class Drawing:
             raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
 
 
-def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
-    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not; by Newton.
+def agreed(drawing: Drawing, drives: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not, and which do, (n,); Newton.
 
-    Drives that no pose has stay as they are, and those of a robot that has none to spare.
+    Drives that no pose has stay as they are, and those of a robot that has none to spare. Where joints are locked drives
+    agree, to first order, with loops wide open: these do not.
     """
     if not drawing.mechanism.loops.redundant_drives:
-        return drives
+        return drives, np.ones(len(drives), dtype=bool)
     engine, parameters = drawing.engine, drive_parameters(drawing.mechanism)
     closed = engine.close(drives, drawing.starts(drives))
     for _ in range(_MOST_STEPS):
@@ -104,4 +110,6 @@ def agreed(drawing: Drawing, drives: FloatArray) -> FloatArray:
         slopes = np.nan_to_num(np.asarray(engine.transfer(closed, parameters).disagreement, dtype=float))
         drives = drives - (np.linalg.pinv(slopes) @ apart[..., None])[..., 0]
         closed = engine.close(drives, closed.as_start())
-    return drives
+    gaps = np.linalg.norm(closed.residual.reshape(len(drives), -1, 2, 3), axis=-1).max(axis=1, initial=0.0)
+    # An unknown gap, of what does not close, is no gap that fits.
+    return drives, (gaps <= drawing.most_open).all(axis=1)
