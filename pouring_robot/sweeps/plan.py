@@ -112,7 +112,7 @@ class SweepPlan:
 
         None where it closes at no pose.
         """
-        start, without = self.poses.start, self._without_errors(self.poses)
+        start, without = self.poses.start, self._without
         drawn, built = self._tool_offsets(self.model.definition.mechanism())[0], self.tool_offsets_m[0]
         wanted = start.position + start.rotation @ drawn
         distance = np.linalg.norm(without.position + without.rotation @ built - wanted, axis=-1)
@@ -143,11 +143,15 @@ class SweepPlan:
         return self.moved(self.draws.values(chunk.samples.start, chunk.samples.stop), self.poses[chunk.poses])
 
     def moved(self, values: FloatArray, poses: BatchCommand) -> ChunkResult:
-        """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures."""
+        """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures.
+
+        From where a robot has moved nobody knows if it does not close without the errors: that pose has no solution.
+        """
         position, axes = poses.start.position, poses.start.rotation  # without the errors of the sweep
+        status_without = np.uint8(CLOSED)
         if self.config.model is not None:
             without = self._without_errors(poses)
-            position, axes = without.position, without.rotation
+            position, axes, status_without = without.position, without.rotation, without.status
         closed, shape, offsets = self.closed(values, poses), (len(values), len(poses)), self.tool_offsets_m
         rotation = closed.rotation.reshape(*shape, 3, 3)
         found = closed.position.reshape(*shape, 1, 3) + np.einsum("spij,fj->spfi", rotation, offsets)
@@ -156,6 +160,8 @@ class SweepPlan:
         loops = closed.residual.shape[1]  # none of a serial arm
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
         status = closed.status.reshape(shape)
+        status = np.where(status == CLOSED, status_without, status)
+        gaps[status != CLOSED] = np.nan
         return ChunkResult(moved, turned, gaps[..., 0], gaps[..., 1], status, values, pouring_robot.__version__)
 
     def within(self, status: ByteArray, distance_m: FloatArray) -> BoolArray:
@@ -226,6 +232,15 @@ class SweepPlan:
     def content_hash(self) -> str:
         """SHA-256 of :attr:`content`: two plans with the same one give the same numbers."""
         return _digest(json.dumps(self.content, sort_keys=True).encode())
+
+    @property
+    def closing(self) -> BatchCommand:
+        """The poses at which the robot closes without the errors of the sweep: of the drawing all."""
+        return self.poses if self.config.model is None else self.poses[np.flatnonzero(self._without.closed)]
+
+    @functools.cached_property
+    def _without(self) -> BatchClosure:
+        return self._without_errors(self.poses)
 
     def _without_errors(self, poses: BatchCommand) -> BatchClosure:
         return self.closed(np.zeros((1, len(self.parameters))), poses)

@@ -182,6 +182,32 @@ def test_a_robot_as_built_that_closes_nowhere_has_no_error_of_its_own_that_is_kn
     assert "note: the robot of far_off.yaml closes at none of these poses" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("study", ["one_at_a_time", "monte_carlo"])
+def test_poses_at_which_a_robot_as_built_does_not_close_are_kept_with_their_status(study, tmp_path):
+    """With further errors it closes at some of them, but from where it has moved nobody knows."""
+    moved = {"right_drive": [60, 0, 0], "left_drive": [-60, 0, 0], "right_pivot": [0, -60, 0]}
+    placements = {joint: {"translation_mm": place} for joint, place in moved.items()}
+    robot = str(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
+    model = {"format": "pouring_robot/model/1", "robot": robot, "joint_placements": placements}
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(model))
+    found = []
+    for name, poses in ("all", "29,-52\n0,0\n41,-70\n"), ("one", "0,0\n"):
+        (tmp_path / f"{name}.csv").write_text(f"left_deg,right_deg\n{poses}")
+        errors = [{"parameters": ["left_drive.tx", "right_drive.ty", "right_pivot.ty"], "half_width_mm": 80.0}]
+        told = {"layout": None, "model": "wide.yaml", "study": study, "poses": {"file": f"{name}.csv"}}
+        told |= {"errors": errors, "accuracy_mm": 100.0, "samples": 16 if study == "monte_carlo" else None}
+        outcome = sweep(write(tmp_path, **told), tmp_path / f"{study}_{name}")
+        found.append((outcome, json.loads(outcome.save()[0].read_text())))
+    (every, figures), (alone, expected) = found
+    data = every.to_dataset()
+    assert (data.status != 0).to_numpy().tolist() == [[True, False, True]] * data.status.shape[0]
+    for name in ("displacement", "rotation", "gap_m", "gap_rad"):
+        assert np.isnan(data[name].isel(pose=[0, 2])).all() and np.isfinite(data[name].isel(pose=1)).all()
+    for name in ("largest_mm", "rms_mm", "quantiles_mm"):
+        assert figures["summary"][name] == expected["summary"][name]
+    assert [(p.name, p.weight) for p in every.ranking] == [(p.name, p.weight) for p in alone.ranking]
+
+
 def test_an_error_with_which_no_robot_closes_matters_most_and_has_no_largest(make_plan, tmp_path):
     wide = {"parameters": "leg1_s1.tx", "half_width_mm": 1e9}
     errors = [{"parameters": "leg2_s1.t?", "half_width_mm": 0.1}, wide]

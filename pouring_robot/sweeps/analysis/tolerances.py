@@ -247,9 +247,11 @@ def _measures(
             "total_ci95": indices.total_confidence,
             "main_axis": main_axis(indices.first_m2),
         }
-    # First-order variances: mean over the poses of each error's own, correlation aside.
-    std = np.array([margin.std for margin in plan.draws.margins])
-    squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
+    # First-order variances: mean over the poses, where the robot closes, of each error's own, correlation aside.
+    std, poses = np.array([margin.std for margin in plan.draws.margins]), plan.closing
+    squares = np.zeros((3, len(std)))
+    for matrices in _matrices(plan, poses):
+        squares += ((matrices[:, :3] * std) ** 2).sum(axis=0) / len(poses)
     squares[:, squares.sum(axis=0) < _ROUND_OFF**2 * squares.sum(axis=0).max()] = 0.0
     own = squares.sum(axis=0)
     share = own / max(own.sum(), np.finfo(float).tiny)
@@ -314,7 +316,7 @@ def allocate_tolerances(
     wanted, draws = wanted or plan.config.allocation or Allocation(), plan.draws
     groups = plan.groups(wanted.by)
     std = np.array([margin.std for margin in draws.margins])
-    parts = (group_covariances(g[:, :3], std, draws.shared, draws.parts, groups) for g in _matrices(plan))
+    parts = (group_covariances(g[:, :3], std, draws.shared, draws.parts, groups) for g in _matrices(plan, plan.poses))
     weights = np.bincount(groups).astype(float)
     covariances = np.concatenate(list(parts))
     found = allocate(covariances, weights, plan.accuracy_m, wanted.share, wanted.loosest_factor, progress)
@@ -340,10 +342,10 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
     return np.concatenate([place, found.matrix[:, 3:]], axis=1)
 
 
-def _matrices(plan: SweepPlan) -> Iterator[FloatArray]:
-    """Yield G at the plan's poses, some at a time."""
-    for first in range(0, len(plan.poses), _POSES_AT_ONCE):
-        yield transfer_matrices(plan, plan.poses[first : first + _POSES_AT_ONCE])
+def _matrices(plan: SweepPlan, poses: BatchCommand) -> Iterator[FloatArray]:
+    """Yield G at poses, some at a time."""
+    for first in range(0, len(poses), _POSES_AT_ONCE):
+        yield transfer_matrices(plan, poses[first : first + _POSES_AT_ONCE])
 
 
 def _verified(
