@@ -16,7 +16,7 @@ from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
 from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter
 from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.robot.model import RobotModel
@@ -28,7 +28,7 @@ from pouring_robot.sensitivity.samples import ChainKind, ErrorSamples
 
 _AT_ONCE = 1000
 _CLOSURES, _CLOSURES_BY_ROW = 10_000, 2000
-"""About how many exact closures first order is compared with; an engine that goes row by row is a hundred times slower."""
+"""About how many exact closures first order is compared with; an engine that goes row by row is much slower."""
 
 
 def sensitivity(
@@ -171,10 +171,10 @@ def _against_exact(
     return (float(missed[at]), float(np.linalg.norm(moved[at]))), int(np.count_nonzero(~exact.closed))
 
 
-def _strongest_and_spread(distance_m: FloatArray, most: int) -> list[int]:
+def _strongest_and_spread(distance_m: FloatArray, most: int) -> Indices:
     """Return at most so many poses: all; or half where the distance is largest, half evenly over the rest by it."""
     order = np.argsort(-distance_m, kind="stable")
     if len(order) <= most:
-        return order.tolist()
+        return order
     first, rest = order[: most // 2], order[most // 2 :]
-    return np.concatenate([first, rest[evenly(len(rest), most - most // 2)]]).tolist()
+    return np.concatenate([first, rest[evenly(len(rest), most - most // 2)]])

@@ -222,8 +222,8 @@ class SweepConfig(StrictModel):
         if (self.study == "one_at_a_time") != (self.samples is None):
             need = "takes no samples" if self.samples is not None else "needs samples, the number of robots"
             raise ValueError(f"study '{self.study}' {need}")
-        if self.study == "sobol" and (self.samples or 0).bit_count() != 1:
-            raise ValueError(f"study 'sobol' needs a power of two as samples, not {self.samples}")
+        if self.study == "sobol" and (self.samples == 1 or (self.samples or 0).bit_count() != 1):
+            raise ValueError(f"study 'sobol' needs a power of two as samples, 2 or more, not {self.samples}")
         if self.study == "sobol" and any(entry.correlation for entry in self.errors):
             raise ValueError("Sobol indices need independent errors; leave correlation out, or take monte_carlo")
         if self.kind == "open_branch" and self.model is not None:

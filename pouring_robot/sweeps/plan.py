@@ -148,7 +148,7 @@ class SweepPlan:
         From where a robot has moved nobody knows if it does not close without the errors: that pose has no solution.
         """
         position, axes = poses.start.position, poses.start.rotation  # without the errors of the sweep
-        status_without = np.uint8(CLOSED)
+        status_without = np.full(len(poses), CLOSED, dtype=np.uint8)
         if self.config.model is not None:
             without = self._without_errors(poses)
             position, axes, status_without = without.position, without.rotation, without.status

@@ -78,6 +78,7 @@ BAD = {
     ),
     "samples one at a time": ({"study": "one_at_a_time"}, "takes no samples"),
     "sobol without power of two": ({"study": "sobol", "errors": [LENGTHS]}, "power of two"),
+    "sobol of one": ({"study": "sobol", "errors": [LENGTHS], "samples": 1}, "power of two as samples, 2 or more"),
     "sobol with correlation": ({"study": "sobol", "samples": 64}, "independent errors"),
     "branch of many chains": ({"kind": "open_branch"}, "one chain alone"),
     "branch of a robot as built": (

@@ -5,6 +5,7 @@ import pytest
 
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.sweeps import ErrorEntry, run_sweep
+from pouring_robot.sweeps.analysis import sobol
 from pouring_robot.sweeps.analysis.report import report, summary_lines
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 
@@ -42,3 +43,15 @@ def test_no_indices_without_a_solution(make_plan, tmp_path):
     plan = make_plan(study="sobol", samples=2, errors=[entry], poses={"grid": {}})
     with pytest.raises(NoSolutionError, match="of 2 base samples 2 have no solution"):
         report(run_sweep(plan, tmp_path / "out"))
+
+
+def test_one_base_sample_that_is_left_has_no_indices(make_plan, tmp_path, monkeypatch):
+    """Its indices would be of any size, 4.3 and more, and their interval none, all draws being the same."""
+    plan = make_plan(study="sobol", samples=2, errors=[ErrorEntry(parameters=("drive.leg?_s3",), half_width_mm=0.1)])
+    store = run_sweep(plan, tmp_path / "out")
+    lost = [outputs.copy() for outputs in sobol._outputs(store)]
+    for outputs in lost:
+        outputs[-1] = np.nan
+    monkeypatch.setattr(sobol, "_outputs", lambda store: iter(lost))
+    with pytest.raises(NoSolutionError, match="of 2 base samples 1 have no solution, and fewer than two others do"):
+        report(store)

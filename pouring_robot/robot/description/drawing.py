@@ -94,10 +94,10 @@ class Drawing:
 
 
 def agreed(drawing: Drawing, drives: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not, and which do, (n,); Newton.
+    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not, and which do, (n,).
 
-    Drives that no pose has stay as they are, and those of a robot that has none to spare. Where joints are locked drives
-    agree, to first order, with loops wide open: these do not.
+    Drives that no pose has stay as they are, and those of a robot that has none to spare. Where a joint cannot turn
+    further drives agree to first order though loops are wide open: they do not count as agreeing.
     """
     if not drawing.mechanism.loops.redundant_drives:
         return drives, np.ones(len(drives), dtype=bool)

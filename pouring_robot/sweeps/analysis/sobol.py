@@ -20,7 +20,9 @@ class SobolIndices:
 
     first: FloatArray  # first-order index, shape (parameters,), as the next three
     total: FloatArray
-    first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
+    # half width of SALib's 95 % interval, of one output on average. It is a bootstrap, which takes base samples for
+    # independent; those of a Sobol sequence fill space better, so that indices are several times nearer than it says
+    first_confidence: FloatArray
     total_confidence: FloatArray
     first_m2: FloatArray  # first-order variance by coordinate, mean over the poses, shape (parameters, 3)
     dropped: int  # base samples of which a robot had no solution at some pose, left out there
@@ -36,7 +38,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
 
     Raises:
-        NoSolutionError: no base sample has a solution, or none moves the frame.
+        NoSolutionError: fewer than two base samples have a solution at every pose, or none moves the frame.
     """
     from SALib.analyze import sobol
 
@@ -53,7 +55,8 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
         lost |= ~sound
         for axis in range(3):
             values = blocks[sound, :, axis].ravel()
-            variance = float(values.var()) if values.size else 0.0
+            # One base sample has indices of any size and, drawn again and again, an interval of none.
+            variance = float(values.var()) if np.count_nonzero(sound) > 1 else 0.0
             if variance > 0.0:
                 found = sobol.analyze(problem, values, **settings)
                 sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
@@ -63,7 +66,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     if not weights.any():
         raise NoSolutionError(
             f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
-            "solution, and nothing moves in the others; make the errors smaller"
+            "solution, and fewer than two others do, or nothing moves in them; make the errors smaller"
         )
     first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()
     return SobolIndices(first, total, first_confidence, total_confidence, sums[0].T / len(plan.poses), dropped)
