@@ -106,6 +106,7 @@ def test_the_tree_stands_where_the_closed_robot_stands(crooked, pose):
     assert pose_gap(zero, located.poses("ladle_lip")[1]) == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
+LEG_DRIVES = ("leg1_s3", "leg2_s3", "leg3_s3")
 # An arm that turns and slides; a belt, a wheel driven by it and the spindle of the slide follow, all about z.
 TIED = {
     "turn": ('type="revolute"', "0 0 0.3", '<limit lower="-2" upper="2" effort="9" velocity="1"/>'),
@@ -225,6 +226,20 @@ def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
     np.testing.assert_allclose(other.upperPositionLimit + values, one.upperPositionLimit, rtol=0, atol=1e-12)
 
 
+def test_zeros_that_were_moved_keep_where_a_controller_holds_back_and_its_switches(tied):
+    path = tied.definition.path.with_name("tied.urdf")
+    held = '<safety_controller soft_lower_limit="0.01" soft_upper_limit="0.19" k_velocity="5"/>'
+    held += '<calibration rising="0.02"/>'
+    text = path.read_text("utf-8").replace('<limit lower="0" upper="0.2"', f'{held}<limit lower="0" upper="0.2"')
+    path.write_text(text, "utf-8")
+    robot = RobotModel.for_robot(tied.definition.path)
+    slide = etree.fromstring(at_pose(robot, [0.35, 0.05]).urdf_zero_here().encode()).find("joint[@name='slide']")
+    holds, switch, limit = (slide.find(tag).attrib for tag in ("safety_controller", "calibration", "limit"))
+    found = [holds["soft_lower_limit"], holds["soft_upper_limit"], switch["rising"], limit["lower"], limit["upper"]]
+    assert [float(value) for value in found] == pytest.approx([-0.04, 0.14, -0.03, -0.05, 0.15], abs=1e-12)
+    assert holds["k_velocity"] == "5"
+
+
 def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
     """Ten poses closed one by one lie within the printed figures."""
     from pouring_robot.robot.pouring_robot import PouringRobot
@@ -272,6 +287,27 @@ def test_other_robots_stand_closed_in_mujoco_with_their_masses(name, tmp_path):
     assert data.ncon == 0
     for joint, value in closed.joints.items():
         assert data.joint(joint).qpos[0] == pytest.approx(value, abs=1e-12)
+
+
+def test_mujocos_servos_pull_no_harder_than_the_urdf_says(crooked, tmp_path):
+    """Without the keyframe its controls are zero, half a metre from where the legs stand."""
+    closed = ClosedRobot.of(crooked)
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path, "mjcf")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    urdf = etree.fromstring(closed.urdf.encode())
+    efforts = [float(urdf.find(f"joint[@name='{name}']/limit").get("effort")) for name in LEG_DRIVES]
+    pulled = np.abs([data.actuator(name).force[0] for name in LEG_DRIVES])
+    np.testing.assert_allclose(pulled, efforts, rtol=1e-12)
+
+
+def test_a_servo_of_which_no_effort_is_said_has_no_limit(tied, tmp_path):
+    path = tied.definition.path.with_name("tied.urdf")
+    path.write_text(path.read_text("utf-8").replace('upper="0.2" effort="9"', 'upper="0.2" effort="0"'), "utf-8")
+    closed = ClosedRobot.of(RobotModel.for_robot(tied.definition.path))
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "out", "mjcf")))
+    assert dict(zip(("turn", "slide"), model.actuator_forcelimited.tolist(), strict=True)) == {"turn": 1, "slide": 0}
+    assert model.actuator("turn").forcerange.tolist() == [-9.0, 9.0]
 
 
 def test_mujocos_loops_are_as_stiff_as_ours(crooked, tmp_path):

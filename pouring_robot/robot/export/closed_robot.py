@@ -25,6 +25,14 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.robot import Command, Robot
 
+# What else of a joint counts from its zero: where a controller holds it back, and at which places a switch says so.
+_COUNTED = (
+    ("safety_controller", "soft_lower_limit"),
+    ("safety_controller", "soft_upper_limit"),
+    ("calibration", "rising"),
+    ("calibration", "falling"),
+)
+
 
 def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
     """Return a tree's configuration (nq,) with joints of one freedom at values, in m and rad, as far as it has them.
@@ -89,6 +97,9 @@ class ClosedRobot:
             limit, mimic = joint.find("limit"), joint.find("mimic")
             for bound, said in zip(("lower", "upper"), limits_of(joint) or (), strict=False):
                 limit.set(bound, repr(said - value))
+            for tag, key in _COUNTED:
+                for part in joint.iterfind(f"{tag}[@{key}]"):
+                    part.set(key, repr(float(part.get(key)) - value))
             if mimic is not None:
                 mimic.set("offset", "0")
         return xml_text(root)

@@ -65,11 +65,14 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
     _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
-    for joint in assembly.servos:  # each gives its rated force where it is off by what it may yield
+    # Each gives its rated force where it is off by what it may yield, and no more further off.
+    for joint in assembly.servos:
         stiffness = repr(joint.servo_stiffness)
         servo = etree.SubElement(actuators, "position", name=joint.name, joint=joint.name, kp=stiffness, dampratio="1")
         if joint.limits:
             servo.set("ctrlrange", text(joint.limits))
+        if joint.effort:
+            servo.set("forcerange", text((-joint.effort, joint.effort)))
     key = etree.SubElement(etree.SubElement(root, "keyframe"), "key", name="closed")
     key.set("ctrl", text(joint.value for joint in assembly.servos))
     return xml_text(root, indented=True)
