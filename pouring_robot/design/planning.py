@@ -13,6 +13,7 @@ Everything is linear in the unknowns, about the given model; effects of the cond
 import contextlib
 import functools
 import math
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -238,7 +239,7 @@ class Planner:
         """Return what any other plan would give, for the same parameters and noise.
 
         Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
-        reference temperature.
+        reference temperature. A pose that is visited from both sides is two rows, and counts once.
         """
         poses = np.asarray(poses, dtype=float)
         given = list(conditions or [PlannedConditions()] * len(poses))
@@ -247,7 +248,10 @@ class Planner:
         if not closed.all():
             raise NoSolutionError(f"row {int(np.argmin(closed)) + 1} of the plan does not close; choose another pose")
         picked = self._apart(rows)[np.arange(len(poses)), [unique.index(c) for c in given]]
-        return self._quality(picked, len(poses))
+        sides: dict[tuple[object, ...], Counter[int]] = defaultdict(Counter)
+        for pose, visit in zip(poses.tolist(), given, strict=True):
+            sides[*pose, replace(visit, side=0)][visit.side] += 1
+        return self._quality(picked, sum(max(times.values()) for times in sides.values()))
 
     def _quality(self, rows: FloatArray, poses: int) -> PlanQuality:
         flat, inverse_std = rows.reshape(-1, rows.shape[-1]), self._inverse_std(self.parameters)

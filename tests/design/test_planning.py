@@ -428,6 +428,16 @@ def test_conditions_make_their_parameters_known(visited):
     assert std["expansion.leg1_s3"] < 2e-6 and std["backlash.leg1_s3"] < 1e-4
 
 
+def test_a_pose_visited_from_both_sides_counts_once_whoever_asks(robot):
+    planner = Planner(robot, PlanRequest(poses=12, both_sides=5, **SMALL))
+    plan = planner.plan()
+    again = planner.quality(plan.poses, plan.conditions)
+    assert (len(plan.poses), again.poses) == (17, 12)
+    assert again.indices == pytest.approx(plan.quality.indices, rel=1e-9)
+    twice = planner.quality(np.tile(plan.poses, (2, 1)), plan.conditions * 2)  # as many again tell as much again
+    assert twice.poses == 24 and twice.indices["O1"] == pytest.approx(plan.quality.indices["O1"], rel=1e-6)
+
+
 def test_priors_determine_everything_and_are_never_worse_than_themselves(robot):
     tolerances = Tolerances.load()
     request = PlanRequest(poses=6, parameters=("geometry",), priors=tolerances, candidates=200, starts=1)
