@@ -46,7 +46,7 @@ def plan(
     temperatures: Annotated[
         Pair, opt("Temperatures of sliding drives in °C to choose from: finds how they grow.", metavar="A B")
     ] = None,
-    reduce: Annotated[bool, opt("Leave out parameters that measurements cannot tell from others.", "--reduce")] = False,
+    reduce: Annotated[bool, opt("Leave out parameters of which poses tell less than tolerances.", "--reduce")] = False,
     candidates: Annotated[int, opt("About how many poses to choose from.")] = 2000,
     starts: Annotated[int, opt("How many random plans the search starts from.")] = 4,
     seed: Annotated[int, opt("Seed of everything random.")] = 0,
@@ -119,7 +119,9 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
     print_table(head, rows, title=title, most=_SHOWN, beyond="more (--json has all)")
     if left := figures["left_out"]:
         beyond = " (--json has all)" if len(left) > _NAMED else ""
-        options.say(f"left out, because those above show the same: {some(left, _NAMED)}{beyond}")
+        options.say(
+            f"left out, as poses tell less of them beside those above than tolerances do: {some(left, _NAMED)}{beyond}"
+        )
 
 
 def check(

@@ -84,14 +84,23 @@ class Planner:
         kept = self._kept(asked, rows)
         self.left_out = tuple(p.name for k, p in enumerate(asked) if k not in kept)
         if not kept:
-            some = f"{', '.join(self.left_out[:4])}{' …' if len(self.left_out) > 4 else ''}"
-            raise BadInputError(
-                f"measurements show none of the parameters ({some}): the frames of tracker and target do the same"
-                f"{'' if self.request.parameters else '; name others, or all of the geometry (--parameters geometry)'}"
-            )
+            raise BadInputError(self._why_none(rows.reshape(-1, rows.shape[-1])))
         self.parameters = tuple(asked[k] for k in kept)
         self.columns = Columns(robot, self.parameters)
         self._candidate_rows = rows[..., [*range(self.nuisance), *(self.nuisance + k for k in kept)]]
+
+    def _why_none(self, rows: FloatArray) -> str:
+        """Return why all parameters are left out: what they do the frames do too, or less of it shows than noise."""
+        some = f"{', '.join(self.left_out[:4])}{' …' if len(self.left_out) > 4 else ''}"
+        names = [*self._frame_names, *self.left_out]
+        if set(base_parameters(rows, names, lead=self._frame_names).base) <= set(self._frame_names):
+            mend = "" if self.request.parameters else "; name others, or all of the geometry (--parameters geometry)"
+            same = "the frames of tracker and target do the same"
+            return f"measurements show none of the parameters ({some}): {same}{mend}"
+        return (
+            f"{self.request.poses} poses show none of the parameters ({some}) by more than the noise, were they off by "
+            "their tolerances; plan more poses, or measure with less noise (--sigma-mm, --sigma-mrad)"
+        )
 
     def _apart(self, columns: FloatArray) -> FloatArray:
         """Return columns, (..., 12 + P), without those of the frames that cannot be told apart, (..., f + P)."""

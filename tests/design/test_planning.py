@@ -213,6 +213,12 @@ def test_where_frames_do_all_that_is_asked_for_other_parameters_are_named(tmp_pa
     assert Planner(robot, PlanRequest(parameters=("geometry",), reduce=True)).parameters
 
 
+def test_noise_that_hides_all_parameters_is_not_told_to_be_the_frames(robot):
+    """Of tolerances of tenths of a millimetre a tracker that errs by 30 mm shows nothing, and one of 0.05 mm 15."""
+    with pytest.raises(BadInputError, match=r"20 poses show none .* by more than the noise.* less noise"):
+        Planner(robot, PlanRequest(noise=NoiseLevel.stated(0.03, 0.03), poses=20, **SMALL))
+
+
 def test_exchange_refuses_what_it_cannot_choose_from():
     rows = np.random.default_rng(8).normal(size=(4, 3, 2))
     with pytest.raises(BadInputError, match="more candidates"):
