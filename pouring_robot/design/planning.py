@@ -168,9 +168,9 @@ class Planner:
         names = [*self._frame_names, *(p.name for p in parameters)]
         found = base_parameters(with_prior(rows, self._inverse_std(parameters)), names, lead=self._frame_names)
         if found.deficient:
-            reducible = not self.request.reduced and self.request.priors is None
-            names_of_frames = set(self._frame_names)
-            raise UndeterminedError(what, found, names_of_frames, reducible=reducible, everywhere=everywhere)
+            priors, frames = self.request.priors is not None, set(self._frame_names)
+            reducible = not (self.request.reduced or priors)
+            raise UndeterminedError(what, found, frames, reducible=reducible, everywhere=everywhere, priors=priors)
 
     @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:

@@ -36,6 +36,7 @@ class UndeterminedError(BadInputError):
         *,
         reducible: bool = True,
         everywhere: bool = False,
+        priors: bool = False,
     ) -> None:
         self.groups, self.unseen = found.groups, found.unseen  # which cannot be told apart; which have no effect
         # to be left out, so that the others are determined
@@ -51,7 +52,7 @@ class UndeterminedError(BadInputError):
         # What is left of a reduction needs more poses; what all poses together do not determine, no more of them.
         mend = leave if self.too_many and (reducible or everywhere) else []
         mend += [] if everywhere else ["plan more poses"]
-        mend += ["let tolerances count as priors (--priors)"] if reducible or not everywhere else []
+        mend += ["let tolerances count as priors (--priors)"] if not priors and (reducible or not everywhere) else []
         super().__init__(
             f"{what} cannot determine {hidden} of the parameters: "
             f"{some(parts, 3, '; ')}; {', or '.join(mend)}{'; more poses do not help' if everywhere else ''}"

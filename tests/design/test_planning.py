@@ -494,6 +494,8 @@ def test_no_option_is_advised_that_is_given_already(robot):
     with pytest.raises(UndeterminedError, match="plan more poses") as caught:
         Planner(robot, PlanRequest(poses=5, reduce=True, **SMALL)).plan()
     assert "--reduce" not in str(caught.value)
+    with pytest.raises(UndeterminedError, match=r"the frames of tracker and target; plan more poses$"):
+        Planner(robot, PlanRequest(poses=1, priors=Tolerances.load(), **SMALL)).plan()
 
 
 @pytest.mark.parametrize(
