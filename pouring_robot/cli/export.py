@@ -1,5 +1,6 @@
 """``pouring-robot export``: the robot as built for other programs, closed."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -52,4 +53,13 @@ def export(
     note = None if built.robot else stale_mesh_note(built.layout, built.layouts_path)
     followers = closed.mechanism.mimics if form in ("sdf", "drake") else ()
     counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
-    options.print_notes([*([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])
+    balls = ball_notes(closed.balls, zero_here) if form == "urdf" else []
+    options.print_notes([*balls, *([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])
+
+
+def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
+    """Return what a URDF cannot say of ball joints: none where there is none."""
+    if not balls:
+        return []
+    where = "at its zeros alone" if zero_here else "at no joint values"
+    return [f"URDF knows no ball joints: {', '.join(balls)} turns about one axis there, and the tree closes {where}"]

@@ -240,6 +240,40 @@ def test_zeros_that_were_moved_keep_where_a_controller_holds_back_and_its_switch
     assert holds["k_velocity"] == "5"
 
 
+def test_a_tree_with_ball_joints_stands_closed_at_moved_zeros_and_says_that_it_does_not_elsewhere(tmp_path, capsys):
+    """A crank, a rod on a ball at its end, and a slide that the rod pushes: its tip is on the slide's pin."""
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="{name}">{mass}</link>' for name in ("base", "crank", "rod", "slider", "rod_tip"))
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{place}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="9" velocity="1"/></joint>'
+        for name, kind, parent, child, place, axis in (
+            ("turn", "revolute", "base", "crank", "0 0 0.5", "0 1 0"),
+            ("ball", "revolute", "crank", "rod", "0.15 0.02 0", "0 0 1"),
+            ("tip", "fixed", "rod", "rod_tip", "0.4 0 0", "0 0 1"),
+            ("slide", "prismatic", "base", "slider", "0.5 0.03 0.5", "1 0 0"),
+        )
+    )
+    (tmp_path / "rod.urdf").write_text(f'<robot name="rod">{links}{joints}</robot>', encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(
+        "format: pouring_robot/robot/1\nname: rod\nurdf: rod.urdf\nbase_frame: base\nend_frame: slider\n"
+        "joint_types: {ball: spherical}\nloops: [{name: pin, frame_a: rod_tip, frame_b: slider, type: 3d}]\n"
+        "drives: [{joint: turn}]\nhome: {turn: 0.3}\n",
+        encoding="utf-8",
+    )
+    closed = at_pose(RobotModel.for_robot(tmp_path / "robot.yaml"), [0.5])
+    # The crank's end is 0.15 away at 0.5 rad, and the rod 0.4 long from there to the slide's pin at y 0.03, z 0.5.
+    along = 0.15 * np.cos(0.5) + np.sqrt(0.4**2 - 0.01**2 - (0.15 * np.sin(0.5)) ** 2)
+    for name in ("rod_tip", "slider"):
+        found = of_tree(closed.urdf_zero_here(), {}, "base", name).translation
+        assert found == pytest.approx([along, 0.03, 0.5], abs=1e-9)
+    for more, said in ((), "at no joint values"), (("--zero-here",), "at its zeros alone"):
+        to = ["--robot", str(tmp_path / "robot.yaml"), "--drives", "28", "--out", str(tmp_path / f"out{len(more)}")]
+        assert main(["export", *to, *more]) == 0
+        printed = " ".join(capsys.readouterr().out.split())
+        assert f"URDF knows no ball joints: ball turns about one axis there, and the tree closes {said}" in printed
+
+
 def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
     """Ten poses closed one by one lie within the printed figures."""
     from pouring_robot.robot.pouring_robot import PouringRobot

@@ -18,6 +18,7 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.mechanism.joint_types import NOT_IN_URDF
 from pouring_robot.mechanism.pinocchio_model import frame_index, model_of
 from pouring_robot.robot.description.urdf import joint_axis, limits_of, parsed, perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
@@ -74,6 +75,11 @@ class ClosedRobot:
         """Value of every joint of one freedom, in m and rad."""
         return self.result.joint_values
 
+    @property
+    def balls(self) -> tuple[str, ...]:
+        """Its ball joints, which a URDF cannot say: there each turns about one axis, and no table has its value."""
+        return tuple(name for name, kind in self.mechanism.loops.joint_types.items() if kind in NOT_IN_URDF)
+
     @functools.cached_property
     def urdf(self) -> str:
         """The tree, the platform standing at the command where the closure puts it."""
@@ -91,6 +97,10 @@ class ClosedRobot:
             way = value * axes[name] / np.linalg.norm(axes[name])
             is_slide = self.mechanism.unit_of(name) == "m"
             moved[name] = pin.SE3(np.eye(3), way) if is_slide else pin.SE3(pin.exp3(way), np.zeros(3))
+        for name in self.balls:
+            first = self.mechanism.shared_model.joints[self.mechanism.joint_id(name)].idx_q
+            turned = pin.Quaternion(self.result.configuration[first : first + 4])
+            moved[name] = pin.SE3(turned.matrix(), np.zeros(3))
         root = parsed(perturb_urdf(self.urdf, moved))
         for joint in root.iterfind("joint"):
             value = self.joints.get(str(joint.get("name")), 0.0)
