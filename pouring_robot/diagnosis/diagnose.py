@@ -30,7 +30,7 @@ from pouring_robot.diagnosis.suggest.next_measurements import MOST_COUNT, USUAL_
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.gaps import rows_without
-from pouring_robot.estimation.kinds import are, component_name, unit_of
+from pouring_robot.estimation.kinds import are, component_name, kind_of, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import NoiseLevel, largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
@@ -192,7 +192,7 @@ def _located(diagnoser: Diagnoser) -> Iterator[Callable[[Diagnosis], Diagnosis]]
     with forked(here) as elsewhere:
 
         def located(diagnosis: Diagnosis) -> Diagnosis:
-            if elsewhere is not here:
+            if elsewhere is not here and diagnosis.diagnoser is diagnoser:
                 vars(diagnosis)["where"] = elsewhere()
             return diagnosis
 
@@ -262,11 +262,13 @@ class _Work:
         misfit = self._doubted(found) or _misfit(rows, before.linear)
         unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
+        if judgement.larger_noise and not found.larger_noise:
+            self.say("searching again under a larger noise", 0, 0)
+            return self.judged(found.under_larger(judgement.larger_noise), flags)
         unknown = judgement.verdict == "unknown" and judgement.causes
         covariances = diagnoser.covariances(hypothesis, after if unknown else None)
         parameters = diagnoser.parameters_of(hypothesis, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
-        noise = replace(rows.noise, settled=found.settled)
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
         diagnosis = Diagnosis(
@@ -276,7 +278,7 @@ class _Work:
             inliers=asked.inliers,
             left_out=asked.left_out,
             flags=flags,
-            noise=noise,
+            noise=found.noise,
             fitted=fitted,
             held_out_name=asked.parts.test_name if asked.parts else "",
             diagnoser=diagnoser,
@@ -294,7 +296,7 @@ class _Work:
             in_turn=in_turn,
             notes=(
                 *asked.notes,
-                *_noise_notes(noise),
+                *_noise_notes(found.noise),
                 *(f"assumed: {line}" for line in given.assumed),
                 *rows.untold,
             ),
@@ -328,6 +330,8 @@ class _Work:
             hypothesis,
             Discrepancy.of(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
             diagnoser.thresholds,
+            kind=kind_of(after.linear.component),
+            larger_noise=found.larger_noise,
             noise_known=known,
             unexplained=misfit,
             varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),

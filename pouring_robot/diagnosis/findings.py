@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, Na
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.intervals import Z95, largest_std
+from pouring_robot.estimation.kinds import KINDS, Kind
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -31,7 +32,8 @@ class Findings:
     inliers: Indices  # index in the campaign of each of them, (n,)
     left_out: Indices  # rows left out as gross errors or copies, by index in the campaign
     flags: tuple[DataFlag, ...]  # what the checks found in the data
-    noise: NoiseLevel  # of the measurements
+    # of the measurements, as it is told; where what is left scatters like a larger one, that is the one of the rows
+    noise: NoiseLevel
     fitted: BoolArray  # which inliers were fitted, (n,); the others are held out
     held_out_name: str  # which block is held out, in words; empty where there are too few rows to hold any out
     diagnoser: Diagnoser  # the search
@@ -78,7 +80,14 @@ class Findings:
         """The noise as which what is left scatters from row to row; None where it does not, or is as stated."""
         if not self.judgement.scatters:
             return None
-        return noise_left(self.noise, self.after, self.hypothesis)
+        left = noise_left(self.rows.noise, self.after, self.hypothesis)
+        return left if self.noisy is None else NoiseLevel({**self.noise.kinds, self.noisy: left[self.noisy]})
+
+    @property
+    def noisy(self) -> Kind | None:
+        """The kind of which alone the noise looks larger; None where it is that of all, or none."""
+        larger = self.judgement.larger_noise
+        return None if larger is None or larger.kind is None else KINDS[larger.kind]
 
     @property
     def mostly_workmanship(self) -> bool:

@@ -14,12 +14,13 @@ import numpy as np
 from pouring_robot.checks.flags import FEW_ROWS
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState, noise_left
 from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
-from pouring_robot.estimation.kinds import Kind, are
+from pouring_robot.estimation.kinds import KINDS, Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.gross_errors import HALF, Seen, calm, gross_error_of_few, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.mechanism.arrays import Indices
 
 _NOISE_ROUNDS, _NOISE_SETTLED = 20, 0.02
@@ -56,6 +57,28 @@ class Searched:
     after: LinearState
     hypothesis: Hypothesis
     settled: bool = True  # whether what is left over is as large as that noise, where it is to tell it
+    # like which larger noise what is left scattered under that which is told; this one was found under the larger one
+    larger_noise: LargerNoise | None = None
+    told: NoiseLevel | None = None  # the noise that is told, where it is another
+
+    @property
+    def noise(self) -> NoiseLevel:
+        """The noise as it is told."""
+        return replace(self.told or self.diagnoser.rows.noise, settled=self.settled)
+
+    def under_larger(self, larger: LargerNoise) -> Searched:
+        """Search anew under a larger noise: what one that is too small has weighed is nothing to start from.
+
+        Where that of all looks larger, each kind has as much as is left over of it.
+        """
+        noise = self.diagnoser.rows.noise
+        if larger.kind is None:
+            left = noise_left(noise, self.after, self.hypothesis)
+            factors = {kind: max(left[kind].sigma / noise[kind].sigma, 1.0) for kind in noise.measured}
+        else:
+            factors = {KINDS[larger.kind]: larger.factor}
+        diagnoser = replace(self.diagnoser, rows=self.diagnoser.rows.with_noise(noise.times(factors)))
+        return Searched(self.asked, diagnoser, *diagnoser.found(), self.settled, larger, noise)
 
     def under(self, noise: NoiseLevel) -> Searched:
         """Search again, from what was found, under another noise."""

@@ -88,6 +88,10 @@ class NoiseLevel:
         """Standard deviation of a rotation component, in rad."""
         return self["rotation"].sigma
 
+    def of(self, kind: Kind | None) -> NoiseLevel:
+        """Return that of a kind alone; None: of all."""
+        return self if kind is None else NoiseLevel({kind: self[kind]}, self.settled)
+
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
         """Return other sizes, none below :data:`LEAST_NOISE`."""
         changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}

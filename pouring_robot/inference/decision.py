@@ -13,11 +13,12 @@ from scipy.special import expit, softmax
 from pouring_robot.inference.alternatives import alternatives, instead_of_workmanship, rivals
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.inference.priors import log_prior_odds
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from pouring_robot.mechanism.arrays import rms
+from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
 
 Varied = Callable[[str], Iterable[Process]]
 """Gives the processes by which the size of an effect that is at work may vary, by its id."""
@@ -60,11 +61,16 @@ class Judgement:
     thresholds: Thresholds = DEFAULT_THRESHOLDS  # by which it was judged
     minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
     remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
-    scatters: bool = False  # whether what is left scatters from row to row, as a larger noise would
+    larger_noise: LargerNoise | None = None  # as which what is left scatters from row to row; None where it does not
     # effects that may be a part of something unknown: a process in their place would explain nearly as well
     doubtful: tuple[str, ...] = ()
     # root mean square of all that is unknown, in noise standard deviations, what doubtful effects take up of it counted
     unknown_size: float = 0.0
+
+    @property
+    def scatters(self) -> bool:
+        """Whether what is left scatters from row to row, as a larger noise would."""
+        return self.larger_noise is not None
 
     @property
     def names(self) -> bool:
@@ -106,6 +112,8 @@ def judge(
     discrepancy: Discrepancy,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
     *,
+    kind: Indices | None = None,
+    larger_noise: LargerNoise | None = None,
     noise_known: bool = True,
     unexplained: str = "",
     varied: Varied = lambda effect: (),
@@ -116,6 +124,9 @@ def judge(
         hypothesis: the best one.
         discrepancy: what processes find beside it.
         thresholds: when something counts.
+        kind: of which kind of measurement, each with a noise of its own, every equation is, as labels (m,); by default
+            of one.
+        larger_noise: under which it is the best one, where what was left under the noise that is told scatters so.
         noise_known: whether the noise is that of the device, and not what is left over itself.
         unexplained: why something is unknown whatever is found here; "" if nothing is.
         varied: how the size of each effect at work may vary; by default it does not.
@@ -138,9 +149,10 @@ def judge(
     minor = tuple(effect for effect in effects if effect not in at_work)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
-    beside = discrepancy
-    if noise_known and (found.clear_structures or found.beaten):
-        found, beside = _as_noise(discrepancy, found)
+    found, beside = replace(found, larger_noise=larger_noise), discrepancy
+    if noise_known and not found.scatters and (found.clear_structures or found.beaten):
+        one = np.zeros(len(hypothesis.problem.residual), dtype=np.intp)
+        found, beside = _as_noise(discrepancy, found, one if kind is None else kind)
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
@@ -175,24 +187,37 @@ def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[],
     return rms(np.sum([one.part for one in together], axis=0))
 
 
-def _as_noise(discrepancy: Discrepancy, found: Judgement) -> tuple[Judgement, Discrepancy]:
+def _as_noise(discrepancy: Discrepancy, found: Judgement, kind: Indices) -> tuple[Judgement, Discrepancy]:
     """Return the same judged under a larger noise, where with that nothing is left that any process explains.
 
-    And what processes find beside it then. What that noise leaves no evidence for is no cause.
+    And what processes find beside it then. What that noise leaves no evidence for is no cause. Of several ways in which
+    the noise may be larger it is the most evident one.
     """
-    factor, evidence = discrepancy.noise()
-    if evidence <= found.structure_evidence:
-        return found, discrepancy
-    under = discrepancy.under(factor)
-    left = tuple(under.structures())
-    if any(structure.evidence > found.structure_evidence for structure in left):
-        return found, discrepancy
-    least = found.thresholds.evidence_of_one_in(1)
-    causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
-    minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
-    challenges = tuple(under.challenge(cause.indices) for cause in causes)
-    judged = replace(found, causes=causes, structures=left, challenges=challenges, minor=minor, scatters=True)
-    return judged, under
+    for larger in discrepancy.larger_noise(kind):
+        if larger.evidence <= found.structure_evidence:
+            break
+        times = np.where((kind == larger.kind) | (larger.kind is None), larger.factor, 1.0)
+        if (under := _nothing_clear(discrepancy, times, found)) is None:
+            continue
+        least = found.thresholds.evidence_of_one_in(1)
+        causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
+        minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
+        challenges, left = tuple(under.challenge(cause.indices) for cause in causes), tuple(under.structures())
+        judged = replace(found, causes=causes, structures=left, challenges=challenges, minor=minor)
+        return replace(judged, larger_noise=larger), under
+    return found, discrepancy
+
+
+def _nothing_clear(discrepancy: Discrepancy, times: FloatArray, found: Judgement) -> Discrepancy | None:
+    """Return what processes find where noise is so many times as large, (m,); None where it is still clear."""
+
+    def under(seen: Discrepancy) -> Discrepancy | None:
+        over = seen.over(times)
+        return None if any(one.evidence > found.structure_evidence for one in over.structures()) else over
+
+    # Mostly what is clearest stays so, and no other process need be asked.
+    first = (discrepancy.only(one.process.name) for one in found.structures[:1])
+    return None if any(under(one) is None for one in first) else under(discrepancy)
 
 
 def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:

@@ -16,14 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
-from pouring_robot.inference.evidence import Beside, largest_scale, log_mean, most_evidence
+from pouring_robot.inference.evidence import largest_scale, log_mean, most_evidence
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.priors import LEFT_TO_NOISE, NOISE_FACTORS
+from pouring_robot.inference.larger_noise import LargerNoise, OtherNoise
+from pouring_robot.inference.priors import LEFT_TO_NOISE
 from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.inference.together import Found, Seen, SeenProcesses, Together
 from pouring_robot.io.forked import forked
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +87,16 @@ class Discrepancy(SeenProcesses):
         best = max(others, key=lambda found: found.evidence)
         return Challenge(best.process, best.evidence - self.hypothesis.worth(indices), best.left.seen.length)
 
-    def noise(self) -> tuple[float, float]:
-        """Return how many times as large the noise would be, and the log evidence for that in nats.
+    def larger_noise(self, kind: Indices) -> list[LargerNoise]:
+        """Return in which ways the noise may be larger beside the hypothesis, most evident first.
 
-        At its most probable, beside the hypothesis; against the noise as it is said to be, averaged over factors.
+        That is of all equations alike or of those of one kind alone, by their labels (m,), each way as likely.
         """
-        densities, as_said = self._densities(NOISE_FACTORS), self.hypothesis.everything.log_likelihood
-        return float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) - as_said
+        kinds = np.unique(kind).tolist()
+        alone = {one: self._other_noise(kind == one) for one in kinds} if len(kinds) > 1 else {}
+        ways = {None: self._other_noise(), **alone}
+        found = [other.larger(one, -float(np.log(len(ways)))) for one, other in ways.items()]
+        return sorted(found, key=lambda larger: -larger.evidence)
 
     def left_to_noise(self, most: float = 1.0) -> tuple[float, float]:
         """Return which share of what is left over is noise if a process is at work, and the log evidence for that.
@@ -106,26 +110,23 @@ class Discrepancy(SeenProcesses):
         if max(explained) < (1.0 - most**2) * self.hypothesis.everything.squared:
             return 1.0, -np.inf
         best = [max(self.under(share).alone, key=lambda found: found.evidence) for share in LEFT_TO_NOISE]
-        noise_alone = self._densities(LEFT_TO_NOISE)
+        other = self._other_noise()
+        noise_alone = other.likelier(LEFT_TO_NOISE)
         densities = noise_alone + [found.evidence for found in best]
         likely = int(np.argmax(densities))
         one, ends = self.only(best[likely].name), LEFT_TO_NOISE[[max(likely - 1, 0), min(likely + 1, len(best) - 1)]]
 
         def against(log_share: float) -> float:
             share = float(np.exp(log_share))
-            return -float(self._densities(np.array([share]))[0]) - one.under(share).alone[0].evidence
+            return -float(other.likelier(np.array([share]))[0]) - one.under(share).alone[0].evidence
 
         finer = scipy.optimize.minimize_scalar(against, bounds=np.log(ends), method="bounded")
         return float(np.exp(finer.x)), float(log_mean(densities)) - float(noise_alone.max())
 
-    def _densities(self, factors: FloatArray) -> FloatArray:
-        """Return the log density of the residual where the noise is so many times as large, (n,), in nats."""
-        problem, fitted = self.hypothesis.problem, self.hypothesis.everything
-        equations, densities = len(problem.residual) - problem.nuisance.dof, np.empty(len(factors))
-        for k, factor in enumerate(factors):  # coefficients that are so many times smaller, over the noise
-            seen = Beside(problem.gram, fitted.places, fitted.weights / factor)
-            densities[k] = -0.5 * (seen.squared / factor**2 + seen.log_determinant) - equations * np.log(factor)
-        return densities
+    def _other_noise(self, some: BoolArray | None = None) -> OtherNoise:
+        """Return how likely another noise of some equations is, (m,), by default of all."""
+        problem, (every, own) = self.hypothesis.problem, (self.hypothesis.seen(), self.hypothesis.seen(some))
+        return OtherNoise(every, own, problem.nuisance.dof, len(problem.residual) if some is None else int(some.sum()))
 
     def structures(self, least_evidence: float = LITTLE_NATS) -> list[Structure]:
         """Return what single processes, worth so many nats, find beside the hypothesis, most evident first."""

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -99,6 +99,10 @@ class Gram:
     def inner(self, some: Indices, others: Indices) -> FloatArray:
         """Return those of some columns (a,) with others (b,), shape (a, b)."""
         return self.columns.take(some, 0).take(others, 1)
+
+    def scaled(self, weights: FloatArray) -> Gram:
+        """Return the same of columns that are so many times as large, (K,)."""
+        return replace(self, columns=self.columns * weights * weights[:, None], projected=self.projected * weights)
 
     def under(self, factor: float) -> Gram:
         """Return the same where the noise is so many times as large."""

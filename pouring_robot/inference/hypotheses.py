@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 
 from pouring_robot.inference.evidence import (
     BayesFactor,
     Beside,
+    Gram,
     Scale,
     bayes_factor,
     chunks,
@@ -119,14 +121,32 @@ class Hypothesis:
         """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
         return np.hstack([np.zeros((len(self.problem.residual), 0)), *(own.columns[:] for own in self.fitted)])
 
+    def seen(self, some: BoolArray | None = None) -> Gram:
+        """Return inner products of free columns, those of everything fitted, and residual, in some equations (m,).
+
+        The latter are as large as they usually are. By default they are of all equations, at hand.
+        """
+        problem, places, free = self.problem, self.everything.places, self.problem.nuisance.dof
+        if some is None:
+            inner = scipy.linalg.block_diag(np.eye(free), problem.gram.inner(places, places))
+            found = Gram(inner, np.append(np.zeros(free), problem.gram.projected[places]), problem.gram.squared)
+        else:
+            every = (problem.nuisance.axes, *(own.columns for own in self.fitted))
+            found = Gram.of([columns[some] for columns in every], problem.residual[some])
+        return found.scaled(np.append(np.ones(free), self.everything.weights))
+
     def on(self, problem: Problem) -> Hypothesis:
         """Return the same on another problem of the same explanations."""
         known = {item.key: item for item in problem.explanations}
         return replace(self, problem=problem, items=tuple(known[item.key] for item in self.items))
 
     def under(self, factor: float) -> Hypothesis:
-        """Return the same where the noise is so many times as large."""
+        """Return the same where all noise is so many times as large: what it is worth, not what it does."""
         return replace(self, problem=self.problem.under(factor))
+
+    def over(self, times: FloatArray) -> Hypothesis:
+        """Return the same where the noise of each equation is so many times as large, (m,)."""
+        return self.on(self.problem.over(times))
 
     @functools.cached_property
     def everything(self) -> Beside:

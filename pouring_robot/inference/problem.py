@@ -80,6 +80,21 @@ class _Cleared:
 
 
 @dataclass(frozen=True, eq=False)
+class _Over:
+    """Columns over a noise that is so many times as large in each equation, (m,)."""
+
+    given: Columns
+    times: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.given.shape
+
+    def __getitem__(self, some: slice | BoolArray) -> FloatArray:
+        return np.asarray(self.given[some] / self.times[some, None])
+
+
+@dataclass(frozen=True, eq=False)
 class Explanation:
     """One form of one effect: the columns it can add to the prediction."""
 
@@ -201,8 +216,15 @@ class Problem:
         found = [replace(e, columns=e.columns[kept]) for e in self.explanations]
         return Problem.build(self.residual[kept], self.nuisance.axes[kept], workmanship, found)
 
+    def over(self, times: FloatArray) -> Problem:
+        """Return the problem where the noise of each equation is so many times as large, (m,)."""
+        workmanship = [replace(b, columns=_Over(b.columns, times)) for b in self.workmanship]
+        found = [replace(e, columns=_Over(e.columns, times)) for e in self.explanations]
+        problem = Problem.build(self.residual / times, self.nuisance.axes / times[:, None], workmanship, found)
+        return replace(problem, given_squared=self.given_squared)  # at most
+
     def under(self, factor: float) -> Problem:
-        """Return the problem where the noise is so many times as large: its gram and residual, not its columns."""
+        """Return the problem where all noise is so many times as large: its gram and residual, not its columns."""
         problem = replace(self, residual=self.residual / factor, given_squared=self.given_squared / factor**2)
         vars(problem)["gram"] = self.gram.under(factor)
         return problem

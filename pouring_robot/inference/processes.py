@@ -8,8 +8,8 @@ are written out. Nothing here knows the robot.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,10 @@ class Channel:
     def _weighted(self) -> scipy.sparse.csr_array:
         sums = self.rows
         return scipy.sparse.csr_array((sums.data * self.column[sums.indices], sums.indices, sums.indptr), sums.shape)
+
+    def over(self, times: FloatArray) -> Channel:
+        """Return the same where the noise of each equation is so many times as large, (m,)."""
+        return replace(self, column=self.column / times)
 
     def against(self, values: FloatArray) -> FloatArray:
         """Return the inner products, row by row, with values (m, q): shape (n, q)."""
@@ -90,6 +94,14 @@ class Process:
         count = len(columns)
         every = Channel(where, np.ones(count), sums_of(np.arange(count), count))
         return cls(where, by, {"": (Part(every, columns),)})
+
+    def moved_by(self, channel: Callable[[Channel], Channel]) -> Process:
+        """Return the same with another channel for each."""
+        lengths = {
+            words: tuple(replace(part, channel=channel(part.channel)) for part in parts)
+            for words, parts in self.lengths.items()
+        }
+        return replace(self, lengths=lengths)
 
     @property
     def name(self) -> str:

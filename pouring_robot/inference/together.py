@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -164,8 +164,13 @@ class SeenProcesses:
             self._less[asked] = type(self)(fewer, every)
         return self._less[asked]
 
+    def over(self, times: FloatArray) -> Self:
+        """Return the same where the noise of each equation is so many times as large, (m,)."""
+        over = cache(lambda channel: channel.over(times))  # processes share channels
+        return self.of(self.hypothesis.over(times), (own[0].process.moved_by(over) for own in self._every.values()))
+
     def under(self, factor: float) -> Self:
-        """Return the same where the noise is so many times as large: what processes are worth, not what they do."""
+        """Return the same where all noise is so many times as large: what processes are worth, not what they do."""
         every = ([one.under(factor) for one in lengths] for lengths in self._every.values())
         return type(self)(self.hypothesis.under(factor), every)
 

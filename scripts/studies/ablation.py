@@ -93,7 +93,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
     "what a larger cause does if its size varies is no cause": lambda: _put(diagnosing, "varied", lambda *_: []),
     "scatter is judged under a larger noise": lambda: _put(
-        decision, "_as_noise", lambda discrepancy, found: (found, discrepancy)
+        decision, "_as_noise", lambda discrepancy, found, kind: (found, discrepancy)
     ),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
     "effects that cancel are refused": lambda: _put(

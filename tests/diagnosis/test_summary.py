@@ -30,6 +30,7 @@ from pouring_robot.diagnosis.report.sentences import (
     form_text,
     gap_sentence,
     gap_table,
+    left_lines,
     next_lines,
     parameter_text,
     sections,
@@ -588,6 +589,37 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(nothing):
     assert found.headline.startswith(f"UNKNOWN: {said}")
     assert any(line.startswith("measure some poses three times") for line in next_lines(found))
     assert diagnosis_metrics(nothing, "model.yaml")["noise_left"] is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "unit"),
+    [("position", "sigma_position_m", "mm"), ("rotation", "sigma_rotation_rad", "mrad"), ("", "", "")],
+)
+def test_a_noise_that_is_too_small_of_one_kind_is_told_as_that(kind, key, unit):
+    """Errors of many joints, 0.05 mm and 0.05 mrad of noise, a fifth stated of one of them, or of none.
+
+    Found under the noise that there is, the model is as good as where that is stated.
+    """
+    data = measure(PouringRobot.load(ACTUAL), count=60, seed=3).campaign
+    stated = {key: 10e-6} if kind else {}
+    found = diagnose(replace(data, metadata=data.metadata.model_copy(update=stated)))
+    assert [effect.cause.effect for effect in found.firm] == ["joint_centre_offset"]
+    assert found.held_out.position("after") == pytest.approx(50e-6, rel=0.4)
+    said = [found.headline, *left_lines(found), *note_lines(found)]
+    if not kind:
+        assert found.headline.startswith("NAMED")
+        assert not [line for line in said if "scatters" in line]
+        return
+    times = re.match(
+        rf"UNKNOWN: what is left scatters from row to row, like a noise of the {kind}s (\S+) times as large: "
+        rf"(\S+) {unit} in place of the stated 0\.01 {unit}\. Found beside it: joint_centre_offset\.$",
+        found.headline,
+    )
+    assert [float(one) for one in times.groups()] == pytest.approx([5.0, 0.05], rel=0.15)
+    figures = diagnosis_metrics(found, "model.yaml")
+    other = {"position": "rotation_mrad", "rotation": "position_mm"}[kind]
+    assert figures["noise_left"][other] == figures["noise"][other] == pytest.approx(0.05)
+    assert figures["noise"][f"{kind}_{unit}"] == pytest.approx(0.01)
 
 
 def test_joints_are_named_beside_a_noise_that_is_stated_too_small():

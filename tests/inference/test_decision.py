@@ -29,6 +29,7 @@ from pouring_robot.inference.decision import (
 from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
 from pouring_robot.inference.problem import Explanation, Workmanship
 from pouring_robot.inference.processes import Process
@@ -86,9 +87,7 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 class Left:
     """What processes find, made up."""
 
-    def __init__(
-        self, structures=(), challenges=None, tried=1, noise=(1.0, -np.inf), under=None, rest=(), leads=None, instead=()
-    ):
+    def __init__(self, structures=(), challenges=None, tried=1, noise=(), under=None, rest=(), leads=None, instead=()):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
         self._leads, self._instead = leads or {}, instead
         self._rest = [SimpleNamespace(part=np.full(ROWS, part)) for part in rest]
@@ -112,12 +111,17 @@ class Left:
         self.asked.append(indices)
         return Left(rest=self._instead)
 
-    def noise(self):
+    def larger_noise(self, kind):
         return self._noise
 
-    def under(self, factor):
-        self._under.hypothesis = self.hypothesis.under(factor)
-        return self._under
+    def over(self, times):
+        under = self._under[float(times.max())]
+        under.hypothesis = self.hypothesis.over(times)
+        return under
+
+    def only(self, name):
+        assert self._structures[0].process.name == name
+        return self
 
     def sum(self, least_evidence, most):
         self.asked.append((least_evidence, most))
@@ -461,8 +465,9 @@ def test_clear_structure_makes_it_unknown_and_is_described():
 
 
 def told_as(noise, under, hypothesis, **given):
-    """Judge one clear structure beside such a larger noise, under which processes find what is given."""
-    left = Left([structure(50.0, 0.5)], noise=noise, under=under, rest=(0.5,))
+    """Judge one clear structure beside such a larger noise of all, under which processes find what is given."""
+    larger = LargerNoise(None, *noise)
+    left = Left([structure(50.0, 0.5)], noise=[larger], under={larger.factor: under}, rest=(0.5,))
     left.hypothesis = hypothesis
     return judge(hypothesis, left, **given)
 
@@ -479,8 +484,29 @@ def test_what_a_larger_noise_leaves_no_structure_of_scatters():
 
 def test_a_larger_noise_is_asked_for_where_something_is_unknown_only():
     """A stated noise that is a little small hides no cause, and is none."""
-    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(noise=(1.2, 500.0), under=Left()))
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(noise=[LargerNoise(None, 1.2, 500.0)]))
     assert (judged.verdict, judged.scatters) == ("named", False)
+
+
+def test_of_several_larger_noises_it_is_the_most_evident_that_hides_all():
+    """Three ways; under the first structure stays, under the second none, and the third is not worth enough."""
+    alone, kind = fitted({0: SURE}, [explanation("a", axis(0))]), np.arange(ROWS) % 2
+    ways = [LargerNoise(1, 5.0, 80.0), LargerNoise(None, 4.0, 70.0), LargerNoise(0, 2.0, 1.0)]
+    under = {5.0: Left([structure(30.0, 0.4)]), 4.0: Left(), 2.0: Left()}
+    for given, told in ((ways, ways[1]), (ways[::2], None), (ways[1:], ways[1])):
+        left = Left([structure(50.0, 0.5)], noise=given, under=under, rest=(0.5,))
+        left.hypothesis = alone
+        judged = judge(alone, left, kind=kind)
+        assert (judged.verdict, judged.larger_noise) == ("unknown", told)
+
+
+def test_what_is_searched_again_under_a_larger_noise_stays_unknown():
+    """However well it is explained there: the noise is not as it is told."""
+    larger = LargerNoise(0, 5.0, 80.0)
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(), larger_noise=larger)
+    assert (judged.verdict, judged.larger_noise, effects(judged)) == ("unknown", larger, ("a",))
+    assert "like a larger noise" in judged.reasons[0]
+    assert judged.doubtful == ()
 
 
 def test_a_cause_is_one_under_the_larger_noise_too():

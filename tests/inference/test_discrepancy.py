@@ -5,11 +5,12 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from pouring_robot.inference.decision import judge
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.priors import LEFT_TO_NOISE, LOG_SCALES
+from pouring_robot.inference.priors import LEFT_TO_NOISE, LOG_SCALES, NOISE_FACTORS
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, columns_of, sums_of
 from tests.inference.problems import explanation, problem
@@ -246,9 +247,34 @@ def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng)
     density = [
         multivariate_normal(cov=f**2 * np.eye(ROWS - 1) + covariance).logpdf(across @ residual) for f in (1.0, *factors)
     ]
-    factor, evidence = Discrepancy.of(hypothesis, []).noise()
-    assert evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
-    assert factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
+    (found,) = Discrepancy.of(hypothesis, []).larger_noise(np.full(ROWS, 3))
+    assert found.kind is None
+    assert found.evidence == pytest.approx(logsumexp(density[1:]) - np.log(len(factors)) - density[0], abs=0.02)
+    assert found.factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
+
+
+def test_a_larger_noise_of_one_kind_alone_is_weighed_by_densities_too(rng):
+    """Of two kinds there are three ways: of either alone, and of both alike; each is as likely."""
+    cause, kind = explanation("linear", rng.normal(size=(ROWS, 2))), np.arange(ROWS) % 4 // 3 + 5
+    residual = rng.normal(size=ROWS) * np.where(kind == 6, 4.0, 1.2) + cause.columns @ [2.0, -1.0] + 7.0
+    built = problem(residual, [cause], free=CONSTANT)
+    hypothesis = Hypothesis(built, built.explanations, (Scale(0.5),), ())
+    across = np.linalg.qr(CONSTANT, mode="complete")[0][:, 1:].T
+    covariance = 0.25 * across @ cause.columns @ cause.columns.T @ across.T
+
+    def density(some, factor):
+        noise = across * np.where(some, factor, 1.0) ** 2 @ across.T
+        return multivariate_normal(cov=noise + covariance).logpdf(across @ residual)
+
+    every = np.ones(ROWS, dtype=bool)
+    found = {one.kind: one for one in Discrepancy.of(hypothesis, []).larger_noise(kind)}
+    for label, some in {None: every, 5: kind == 5, 6: kind == 6}.items():
+        densities = np.array([density(some, factor) for factor in NOISE_FACTORS])
+        expected = logsumexp(densities) - np.log(len(NOISE_FACTORS)) - density(every, 1.0) - np.log(3.0)
+        assert found[label].evidence == pytest.approx(expected, rel=1e-9)
+        assert found[label].factor == NOISE_FACTORS[np.argmax(densities)]
+    assert next(iter(found)) == 6
+    assert [one.evidence for one in found.values()] == sorted((one.evidence for one in found.values()), reverse=True)
 
 
 def test_what_is_left_to_noise_is_weighed_by_densities_beside_a_process(rng):
@@ -302,22 +328,23 @@ def test_white_noise_is_all_left_to_noise():
     assert alarms <= 1
 
 
-def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng):
+@pytest.mark.parametrize("times", [3.0, np.full(ROWS, 3.0), np.where(TIME % 3 < 1, 5.0, 1.0)], ids=["", "all", "some"])
+def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng, times):
     """The same residual and columns over that noise, and over the one that was stated, built anew."""
     load, descriptions = described
     cause = explanation("linear", load[:, None])
     residual = 3.0 * (rng.normal(size=ROWS) + 2.0 * load + np.cos(3.0 * load))
     found = []
-    for stated in (1.0, 3.0):
+    for stated in (np.ones((ROWS, 1)), np.broadcast_to(times, ROWS)[:, None]):
         item = explanation("linear", cause.columns / stated)
         processes = [
             Process.of_columns(one.where, one.by, columns_of(one.lengths[""]) / stated) for one in descriptions
         ]
-        built = problem(residual / stated, [item], free=CONSTANT)
+        built = problem(residual / stated[:, 0], [item], free=CONSTANT / stated)
         hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ())
-        seen = Discrepancy.of(hypothesis, processes)
-        found.append(seen if stated == 3.0 else seen.under(3.0))
-    under, anew = found
+        found.append(Discrepancy.of(hypothesis, processes))
+    as_told, anew = found
+    under = as_told.under(times) if isinstance(times, float) else as_told.over(times)
     assert under.hypothesis.worth((0,)) == pytest.approx(anew.hypothesis.worth((0,)), rel=1e-9)
     assert under.challenge((0,)).margin == pytest.approx(anew.challenge((0,)).margin, rel=1e-9)
     assert under.lead((0,), 1.0) == pytest.approx(anew.lead((0,), 1.0), abs=1e-9 * anew.hypothesis.worth((0,)))
@@ -329,14 +356,38 @@ def test_two_conditions_are_no_larger_noise(described, rng):
     """Each alone leaves the other's part, which a larger noise takes up; under it both are seen all the same."""
     load, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * np.cos(2.0 * load) + 3.0 * np.sin(TIME / 9.0)
-    seen = Discrepancy.of(nothing(residual), descriptions)
-    factor, evidence = seen.noise()
-    assert evidence > 50.0
-    assert seen.under(factor).structures()[0].evidence > 10.0
+    seen, one_kind = Discrepancy.of(nothing(residual), descriptions), np.zeros(ROWS)
+    (larger,) = seen.larger_noise(one_kind)
+    assert larger.evidence > 50.0
+    assert seen.under(larger.factor).structures()[0].evidence > 10.0
     white = Discrepancy.of(nothing(3.0 * rng.normal(size=ROWS)), descriptions)
-    factor, evidence = white.noise()
-    assert (evidence > 50.0, factor) == (True, pytest.approx(3.0, rel=0.3))
-    assert not white.under(factor).structures()
+    (larger,) = white.larger_noise(one_kind)
+    assert (larger.evidence > 50.0, larger.factor) == (True, pytest.approx(3.0, rel=0.3))
+    assert not white.under(larger.factor).structures()
+
+
+@pytest.mark.parametrize("times", [1.0, 5.0])
+def test_the_kind_whose_noise_is_larger_is_told_and_its_size(described, rng, times):
+    """Places and turns at each moment; the noise of the turns is so many times as large as it is said to be.
+
+    Chance in every row describes that, too; what goes by the load has a cause, which is found beside it.
+    """
+    load, descriptions = described
+    kind = np.arange(ROWS) % 2
+    cause, tried = explanation("linear", load[:, None]), [*descriptions]
+    tried.append(Process.of_columns("place", CHANCE, np.eye(ROWS)))
+    residual = rng.normal(size=ROWS) * np.where(kind == 1, times, 1.0) + 6.0 * load
+    built = problem(residual, [cause], free=CONSTANT)
+    hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ()).settled()
+    judged = judge(hypothesis, Discrepancy.of(hypothesis, tried), kind=kind)
+    assert [one.effect for one in judged.causes] == ["linear"]
+    if times > 1.0:
+        assert (judged.verdict, judged.larger_noise.kind) == ("unknown", 1)
+        # The deviation of 40 values is known to a ninth.
+        assert judged.larger_noise.factor == pytest.approx(times, rel=0.25)
+        assert judged.doubtful == ()
+    else:
+        assert (judged.verdict, judged.larger_noise) == ("named", None)
 
 
 def test_what_differs_in_every_row_is_called_so():

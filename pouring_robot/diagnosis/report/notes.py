@@ -53,7 +53,7 @@ def _measured_lines(diagnosis: Conclusions) -> Iterator[str]:
 def _too_large_lines(diagnosis: Conclusions) -> list[str]:
     """Return of which noise that is stated too little is left over."""
     left, component = diagnosis.hypothesis, diagnosis.after.fitted_rows.component
-    return diagnosis.noise.too_large(component, left.remainder, left.freedom)
+    return diagnosis.rows.noise.too_large(component, left.remainder, left.freedom)
 
 
 def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:

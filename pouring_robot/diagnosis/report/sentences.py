@@ -72,9 +72,12 @@ def scatter_text(diagnosis: Conclusions) -> str:
     left = diagnosis.noise_left
     if left is None:
         return ""
-    noise = diagnosis.noise
+    kind, which = diagnosis.noisy, "a noise of "
+    noise, left = diagnosis.noise.of(kind), left.of(kind)
+    if kind:
+        which = f"a noise of the {kind}s {left[kind].sigma / noise[kind].sigma:.2g} times as large: "
     source = "the stated" if np.isinf(noise.dof) else "what repeats tell,"
-    return f"what is left scatters from row to row, like a noise of {left.words} in place of {source} {noise.words}"
+    return f"what is left scatters from row to row, like {which}{left.words} in place of {source} {noise.words}"
 
 
 def _names(diagnosis: Conclusions) -> str:

@@ -145,7 +145,7 @@ class Prospect:
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
-        rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
+        rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, old.noise)
         changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))
         self._rows, self._linear = rows, rows.linearise(changes, self._after.frames)
         new = self._linear.row >= len(old)
