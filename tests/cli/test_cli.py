@@ -8,7 +8,9 @@ import signal
 import socket
 import subprocess
 import sys
+import termios
 import textwrap
+import time
 import urllib.request
 
 import numpy as np
@@ -17,6 +19,7 @@ import psutil
 import pytest
 
 import pouring_robot
+from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -171,6 +174,49 @@ def test_the_time_goes_on_between_steps_while_work_can_be_copied_to_another_core
     there = subprocess.run(command, env=terminal, capture_output=True, text=True, check=False, timeout=60)
     assert there.stdout == "True 0.0 True\n", there.stderr
     assert "0:00:01" in there.stderr
+
+
+def test_a_terminal_that_is_held_with_ctrl_s_holds_the_work_and_no_more():
+    code = """
+        import time
+        from pouring_robot.cli.shared.progress import stage_bars
+        with stage_bars() as show:
+            show("searching", 0, 0)
+            end = time.monotonic() + 2.0
+            while time.monotonic() < end:
+                pass
+        print("done")
+    """
+    ours, theirs = os.openpty()
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True) as there:
+        shown = b""
+        while b"searching" not in shown:
+            shown += os.read(ours, 4096)
+        termios.tcflow(theirs, termios.TCOOFF)
+        time.sleep(1.0)
+        termios.tcflow(theirs, termios.TCOON)
+        assert there.communicate(timeout=60)[0] == "done\n"
+    os.close(theirs)
+    with contextlib.suppress(OSError), os.fdopen(ours, "rb", buffering=0) as screen:
+        while more := screen.read(4096):
+            shown += more
+    assert shown.count(b"searching") <= 9
+
+
+def test_a_bar_stays_in_one_line_with_room_for_a_ctrl_c_and_shows_one_unfinished_stage(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "60")
+    with stage_bars() as show:
+        for stage, done in (("searching for effects", 0), ("holding out each block in turn", 0), ("searching for", 0)):
+            show(stage, done, 0)
+        time.sleep(1.2)
+        show("holding out each block in turn", 3, 10)
+        time.sleep(0.6)
+    frames = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", capsys.readouterr().err).split("\r")
+    assert max(len(frame.strip("\n")) for frame in frames) <= 60 - len("^C^C")
+    assert any(re.search("^holding out each bloc.* 3/10 0:00:01 about 0:0[345] left$", frame) for frame in frames)
 
 
 def test_a_terminal_of_80_columns_breaks_between_words_and_never_within_a_figure(run, monkeypatch):

@@ -15,7 +15,7 @@ from pouring_robot.io.interrupt import stop_if_heard
 if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress
 
-_WIDEST = 60
+_BESIDE = len("━━━━ 10/10 0:00:00 about 0:00 left") + len(" ^C^C")
 _TICK_S = 0.25
 
 
@@ -38,7 +38,13 @@ def stage_bars() -> Iterator[Progress]:
     """
     from rich import progress
     from rich.console import Console
+    from rich.constrain import Constrain
+    from rich.table import Column
     from rich.text import Text
+
+    class Bars(progress.Progress):
+        def get_renderable(self) -> Constrain:  # behind which the terminal's own ^C stays in the line that is cleared
+            return Constrain(super().get_renderable(), errors.width - len("^C^C"))
 
     class Left(progress.ProgressColumn):
         def render(self, task: progress.Task) -> Text:
@@ -49,35 +55,49 @@ def stage_bars() -> Iterator[Progress]:
         def render(self, task: progress.Task) -> Text:
             return super().render(task) if task.total else Text()
 
-    errors = Console(stderr=True)
+    errors, whole = Console(stderr=True), Column(no_wrap=True)
     columns = (
         progress.TextColumn("{task.description}"),
         progress.BarColumn(),
-        Steps(),
-        progress.TimeElapsedColumn(),
-        Left(),
+        Steps(table_column=whole),
+        progress.TimeElapsedColumn(table_column=whole),
+        Left(table_column=whole),
     )
     hidden = QUIET.get() or not errors.is_terminal
     here = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
-    bars = progress.Progress(*columns, console=errors, transient=True, disable=hidden, auto_refresh=not here)
-    with bars, _ticking(bars.refresh) if here and not hidden else nullcontext():
+    bars = Bars(*columns, console=errors, transient=True, disable=hidden, auto_refresh=not here)
+    drawing = threading.Lock()
+    with bars, _ticking(bars.refresh, drawing) if here and not hidden else nullcontext():
         tasks: dict[str, progress.TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:
             stop_if_heard()
-            if stage not in tasks:
+            with drawing:
                 for known in bars.tasks:
                     bars.update(known.id, visible=known.finished)
-                tasks[stage] = bars.add_task(stage[:_WIDEST], total=total or None, stepped=time.monotonic())
-            bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
+                if stage not in tasks:
+                    told = stage[: max(errors.width - _BESIDE, 10)]
+                    tasks[stage] = bars.add_task(told, total=total or None, stepped=time.monotonic())
+                bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
 
         yield show
 
 
 @contextmanager
-def _ticking(act: Callable[[], None]) -> Iterator[None]:
-    """Act again and again, by a signal: beside a thread that did so no work could be copied to another core."""
-    before = signal.signal(signal.SIGALRM, lambda *_: act())
+def _ticking(act: Callable[[], None], busy: threading.Lock) -> Iterator[None]:
+    """Act again and again, by a signal: beside a thread that did so no work could be copied to another core.
+
+    What is busy is let be: a terminal may take its time (Ctrl-S), and signals come in the midst of writing to it.
+    """
+
+    def tick(*_: object) -> None:
+        if busy.acquire(blocking=False):
+            try:
+                act()
+            finally:
+                busy.release()
+
+    before = signal.signal(signal.SIGALRM, tick)
     signal.setitimer(signal.ITIMER_REAL, _TICK_S, _TICK_S)
     try:
         yield
