@@ -3,6 +3,8 @@
 import dataclasses
 import math
 import os
+import shlex
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -246,17 +248,17 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     }
 
 
-def next_measurements(calibration: CalibrationFindings) -> list[str]:
-    """Return what to measure next, one sentence each."""
+def next_measurements(calibration: CalibrationFindings, folder: Path = Path()) -> list[str]:
+    """Return what to measure next, one sentence each, for somebody in whose ``folder`` the calibration stands."""
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
     present, deficient = calibration.present, calibration.rank_anywhere > calibration.base.rank
-    whose = f"--robot {os.path.relpath(present.definition.path)} " if present.robot else ""
+    whose = f"--robot {shlex.quote(os.path.relpath(present.definition.path))} " if present.robot else ""
     if present.layouts_file:  # only a model file names another
-        whose = f"--model {MODEL} "
+        whose = f"--model {shlex.quote(str(folder / MODEL))} "
     elif present.layout != RobotModel().layout:
-        whose = f"--layout {present.layout} "
+        whose = f"--layout {shlex.quote(present.layout)} "
     ladle = _ladle(calibration)
     noise = {"sigma_mm": calibration.noise.length_m / MM, "sigma_mrad": calibration.noise.rotation_rad / MRAD}
     return _said("next", c=calibration, **noise, groups=groups, deficient=deficient, whose=whose, ladle=ladle)

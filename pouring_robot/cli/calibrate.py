@@ -61,11 +61,11 @@ def calibrate(
         written = found.save(out, overwrite=options.OVERWRITE.get())
     if as_json:
         return options.print_figures(calibration_metrics(found), written)
-    _print(found)
+    _print(found, out)
     options.print_written(written)
 
 
-def _print(found: Calibration) -> None:
+def _print(found: Calibration, out: Path) -> None:
     from dataclasses import replace
 
     from pouring_robot.calibration import report
@@ -86,4 +86,4 @@ def _print(found: Calibration) -> None:
             options.say(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
     options.print_notes(notes_of(found))
     options.say("next:")
-    print_lines(next_measurements(found))
+    print_lines(next_measurements(found, out))

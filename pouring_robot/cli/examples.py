@@ -20,7 +20,7 @@ def copy(
     files = copy_folder(examples_path(), folder)
     options.say(f"copied {len(files)} files to {folder}")
     model = shlex.quote(str(folder / "actual.yaml"))
-    options.say(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {model}")
+    options.say(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {model}", soft_wrap=True)
 
 
 examples = group_of("The examples that come with the package.", [copy])

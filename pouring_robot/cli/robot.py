@@ -44,7 +44,7 @@ def init(
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
     options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
     options.print_written((path,))
-    options.say(f"next: read its comments, then pouring-robot robots --robot {shlex.quote(str(path))}")
+    options.say(f"next: read its comments, then pouring-robot robots --robot {shlex.quote(str(path))}", soft_wrap=True)
 
 
 def _two(help_: str) -> Any:
@@ -95,7 +95,7 @@ def new(
     middle = _in_the_middle(layout)  # a machine that cannot be drawn is refused before a file is written
     drawn, _ = bundles.Drawing(html=page, png=png).files([middle], own)
     options.print_written(options.write_all({layouts: layout.file_text(), model: own.file_text(out)} | drawn))
-    options.say(f"next: pouring-robot robots --model {shlex.quote(str(model))}")
+    options.say(f"next: pouring-robot robots --model {shlex.quote(str(model))}", soft_wrap=True)
 
 
 def _in_the_middle(layout: NewLayout) -> LadleLocation:

@@ -8,6 +8,7 @@ import difflib
 import functools
 import io
 import numbers
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args
@@ -124,7 +125,8 @@ def read_yaml(path: Path | str, wanted: str = "a YAML file with one") -> Comment
 def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> CommentedMap:
     """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
     if text.lstrip().startswith("<") and "<robot" in text:
-        raise DescriptionError(path, f"is a URDF, not YAML; 'pouring-robot robot init {path}' makes a robot file of it")
+        command = f"pouring-robot robot init {shlex.quote(str(path))}"
+        raise DescriptionError(path, f"is a URDF, not YAML; '{command}' makes a robot file of it")
     try:
         content = _parsed(text)
     except MarkedYAMLError as problem:

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -120,6 +121,9 @@ def test_a_plan_is_suggested_for_the_machine_that_was_measured(found, layout, na
     other = found.present.model_copy(update=layout)
     other._defined = (other.robot_path, other.layout, other.layouts_path), found.present.definition
     assert any(f"campaign plan {named} --out" in line for line in next_measurements(replace(found, present=other)))
+    elsewhere = next_measurements(replace(found, present=other), Path("my results"))  # typed beside that folder
+    typed = named.replace("calibrated.yaml", "'my results/calibrated.yaml'")
+    assert any(f"campaign plan {typed} --out" in line for line in elsewhere)
 
 
 def test_notes_say_what_no_measurement_tells(found, unchanged):

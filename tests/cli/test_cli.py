@@ -20,7 +20,7 @@ import pytest
 
 import pouring_robot
 from pouring_robot.cli.shared.progress import stage_bars
-from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.cli.shared.tables import print_lines, print_table
 from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -225,16 +225,16 @@ def test_a_terminal_of_80_columns_breaks_between_words_and_never_within_a_figure
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "80")
     shown = [re.sub(r"\x1b\[[0-9;]*m", "", run(*command)[1]) for command in (["robots"], ["path", POSES])]
-    assert max(map(len, shown[0].splitlines())) <= 80
-    assert shown[0].split() == piped[0].split()
+    for there, here in zip(piped, shown, strict=True):
+        assert max(map(len, here.splitlines())) <= 80
+        assert here.split() == there.split()
     assert "  20 chain joints, 24 closure equations of rank 22: 4 freedoms (2 equations\n  redundant)\n" in shown[0]
-    assert shown[1] == piped[1]  # lines of figures, which the terminal itself breaks
 
 
-def test_texts_of_a_table_fold_where_that_makes_it_fit_a_terminal(capsys, monkeypatch):
-    def printed(columns):
+def test_a_table_folds_between_words_where_that_makes_it_fit_a_terminal_and_else_between_columns(capsys, monkeypatch):
+    def printed(columns, head=("part", "off by mm"), row=("places of the lower U joints", "123456.789"), left=(0,)):
         monkeypatch.setenv("COLUMNS", str(columns))
-        print_table(("part", "off by mm"), [["places of the lower U joints", "123456.789"]])
+        print_table(head, [row], left)
         return re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
 
     in_a_pipe = ["part                           off by mm", "places of the lower U joints  123456.789"]
@@ -242,8 +242,26 @@ def test_texts_of_a_table_fold_where_that_makes_it_fit_a_terminal(capsys, monkey
     monkeypatch.setenv("FORCE_COLOR", "1")
     assert printed(80) == in_a_pipe
     folded = [("part", "off by mm"), ("places of the", "123456.789"), ("lower U joints", "")]
-    assert printed(30) == [f"{text:18}  {figure:>10}" for text, figure in folded]
-    assert printed(12) == in_a_pipe  # it does not fit anyway
+    assert printed(30) == [f"{text:18}  {figure:>10}".rstrip() for text, figure in folded]
+    assert printed(17) == ["part    off by mm", "places 123456.789", "of the", "lower", "U", "joints"]
+    assert printed(16) == ["part", "   off by mm", "places of the lower U joints", "  123456.789"]
+    # One column would have to give way to another, and no word is cut for it.
+    texts = printed(29, ("part", "group"), ("places of the lower U joints", "moving_centres"), (0, 1))
+    assert texts == ["part           group", "places of the  moving_centres", "lower U", "joints"]
+
+
+def test_a_command_to_type_is_printed_in_one_line_with_its_files_quoted(run, tmp_path, capfd, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "40")
+    folder = tmp_path / "a folder"
+    assert f"--model '{folder}/actual.yaml'\n" in run("examples", "copy", folder)[1]
+    urdf = tmp_path / "an arm.urdf"
+    urdf.write_text('<robot name="arm"/>')
+    assert f"'pouring-robot robot init '{urdf}''" in run("robots", "--robot", urdf)[2]
+    command = f"pouring-robot campaign plan --out next.csv{' --parameters axes' * 4}"
+    print_lines([f"poses that tell most: {command}", " so"])
+    lines = ["  poses that tell most:", f"    {command}", "   so"]
+    assert capfd.readouterr().out.splitlines() == lines
 
 
 def test_a_path_is_printed_in_one_line(run, tmp_path):

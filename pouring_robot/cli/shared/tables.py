@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import math
+import textwrap
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from pouring_robot.cli.shared.options import print_indented, say, terminal
@@ -10,7 +13,7 @@ from pouring_robot.cli.shared.options import print_indented, say, terminal
 if TYPE_CHECKING:
     from pouring_robot.report.page import Block
 
-_MOST_ROWS = 40
+_MOST_ROWS, _COMMAND = 40, ": pouring-robot "
 
 
 def print_table(
@@ -18,33 +21,62 @@ def print_table(
     rows: Sequence[Sequence[str]],
     left: Collection[int] = (0,),
     *,
-    title: str | None = None,
+    title: str = "",
     bold: Collection[int] = (),
     most: int | None = None,
     beyond: str = "",
 ) -> None:
     """Print a table of plain texts without a frame, of a long one its beginning and what is said of the others.
 
-    Cells at the end of a row may be left out. Columns in ``left`` are texts, set to the left, which go on in the next
-    line where that makes the table fit a terminal; the others are figures, set to the right and never cut. Rows in
-    ``bold`` stand out.
+    Cells at the end of a row may be left out. Columns in ``left`` are texts, set to the left; the others are figures,
+    set to the right. Where a terminal is too narrow, texts go on in the next line if that makes the rows fit, or else
+    the last columns do; no word and no figure is broken. Rows in ``bold`` stand out.
     """
-    from rich.console import Console
-    from rich.measure import Measurement
-    from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for k, name in enumerate(head):
-        table.add_column(name, justify="left" if k in left else "right", no_wrap=k not in left)
-    for k, row in enumerate(rows[:most]):
-        table.add_row(*row, style="bold" if k in bold else None)
-    wide, here = Console(width=10_000), terminal()
-    needed = Measurement.get(wide, wide.options, table)
-    fits = here.is_terminal and needed.minimum <= here.width
-    table.width = min(needed.maximum, here.width) if fits else needed.maximum
-    say(table, soft_wrap=True)
+    shown = [(*row, *[""] * (len(head) - len(row))) for row in (head, *rows[:most])]
+    here = terminal()
+    lines = [
+        Text(line, "bold" if k == 0 or k - 1 in bold else "")
+        for k, taken in enumerate(_set(shown, left, here.width if here.is_terminal else math.inf))
+        for line in taken
+    ]
+    if title:
+        say(title, style="italic")
+    say(Text("\n").join(lines), soft_wrap=True)
     if most is not None and len(rows) > most:
         say(f"… and {len(rows) - most} {beyond}")
+
+
+def _set(rows: Sequence[Sequence[str]], left: Collection[int], room: float) -> Iterator[list[str]]:
+    """Yield each row as the lines that it takes where there is room for so many letters."""
+    columns = list(zip(*rows, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    least = {k: max(len(word) for cell in columns[k] for word in (*cell.split(), "")) for k in left}
+
+    def excess(widths: Sequence[int], gap: int) -> float:
+        return sum(widths) + gap * (len(widths) - 1) - room
+
+    narrowest = [least.get(k, width) for k, width in enumerate(widths)]
+    gap = next((gap for gap in (2, 1) if excess(narrowest, gap) <= 0), 0)
+    while gap and excess(widths, gap) > 0:
+        widths[max((k for k in left if widths[k] > least[k]), key=widths.__getitem__)] -= 1
+    gap, parts = gap or 2, [list[int]()]
+    for k in range(len(widths)):
+        if parts[-1] and excess([widths[j] for j in (*parts[-1], k)], gap) > -gap * (len(parts) > 1):
+            parts.append([])
+        parts[-1].append(k)
+    for row in rows:
+        folded = [
+            textwrap.wrap(cell, width, break_long_words=False, break_on_hyphens=False) if len(cell) > width else [cell]
+            for cell, width in zip(row, widths, strict=True)
+        ]
+        taken = []
+        for cells in zip_longest(*folded, fillvalue=""):
+            even = [cells[k].ljust(width) if k in left else cells[k].rjust(width) for k, width in enumerate(widths)]
+            for part in parts:
+                taken.append(" " * (gap * (part is not parts[0])) + (" " * gap).join(even[k] for k in part).rstrip())
+        yield taken
 
 
 def print_blocks(blocks: Iterable[Block]) -> None:
@@ -61,20 +93,15 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print a list; a line that begins with a blank stands further in."""
+    """Print a list; a line that begins with a blank stands further in, a command at its end by itself, to be copied."""
     for line in lines:
-        print_indented(line.strip(), 2 + len(line) - len(line.lstrip()))
+        text, command, arguments = line.strip().partition(_COMMAND)
+        by = 2 + len(line) - len(line.lstrip())
+        print_indented(text + command[:1], by)
+        if command:
+            say(f"{'':{by + 1}}{command[1:]}{arguments}", soft_wrap=True)
 
 
 def print_rows(head: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table of figures, a row a pose, all set to the right; of a long one its beginning.
-
-    As text and no rich table: that would take twice as long to set as thousands of poses take to close.
-    """
-    shown = [head, *rows[:_MOST_ROWS]]
-    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in shown]
-    lines += [f"… and {len(rows) - _MOST_ROWS} more; --out FILE.csv writes all"] if len(rows) > _MOST_ROWS else []
-    if title:
-        say(title, style="italic")
-    say("\n".join(lines), soft_wrap=True)
+    """Print a table of figures, a row a pose, all set to the right; of a long one its beginning."""
+    print_table(head, rows, (), title=title, most=_MOST_ROWS, beyond="more; --out FILE.csv writes all")
