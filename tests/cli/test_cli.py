@@ -219,6 +219,14 @@ def test_a_bar_stays_in_one_line_with_room_for_a_ctrl_c_and_shows_one_unfinished
     assert any(re.search("^holding out each bloc.* 3/10 0:00:01 about 0:0[345] left$", frame) for frame in frames)
 
 
+def test_a_cursor_is_not_hidden_and_where_it_cannot_be_moved_there_is_no_bar(run, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    bars = run("path", POSES, "--model", ACTUAL)[2]
+    assert "closing" in bars and "\x1b[?25l" not in bars
+    monkeypatch.setenv("TERM", "dumb")
+    assert run("path", POSES, "--model", ACTUAL)[2] == ""
+
+
 def test_a_terminal_of_80_columns_breaks_between_words_and_never_within_a_figure(run, monkeypatch):
     piped = [run(*command)[1] for command in (["robots"], ["path", POSES])]
     monkeypatch.setenv("FORCE_COLOR", "1")

@@ -42,6 +42,10 @@ def stage_bars() -> Iterator[Progress]:
     from rich.table import Column
     from rich.text import Text
 
+    class Errors(Console):
+        def show_cursor(self, show: bool = True) -> bool:  # left as it is: a process that is killed, or stopped by
+            return False  # Ctrl-Z, could not show it again
+
     class Bars(progress.Progress):
         def get_renderable(self) -> Constrain:  # behind which the terminal's own ^C stays in the line that is cleared
             return Constrain(super().get_renderable(), errors.width - len("^C^C"))
@@ -55,7 +59,7 @@ def stage_bars() -> Iterator[Progress]:
         def render(self, task: progress.Task) -> Text:
             return super().render(task) if task.total else Text()
 
-    errors, whole = Console(stderr=True), Column(no_wrap=True)
+    errors, whole = Errors(stderr=True), Column(no_wrap=True)
     columns = (
         progress.TextColumn("{task.description}"),
         progress.BarColumn(),
@@ -63,7 +67,7 @@ def stage_bars() -> Iterator[Progress]:
         progress.TimeElapsedColumn(table_column=whole),
         Left(table_column=whole),
     )
-    hidden = QUIET.get() or not errors.is_terminal
+    hidden = QUIET.get() or not errors.is_interactive  # nor is one without a cursor to move, TERM=dumb
     here = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
     bars = Bars(*columns, console=errors, transient=True, disable=hidden, auto_refresh=not here)
     drawing = threading.Lock()
