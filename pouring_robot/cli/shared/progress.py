@@ -52,8 +52,9 @@ def stage_bars() -> Iterator[Progress]:
 
     class Left(progress.ProgressColumn):
         def render(self, task: progress.Task) -> Text:
-            since = time.monotonic() - task.fields["stepped"]
-            return Text(time_left(task.completed, task.total, task.elapsed or 0.0, since))
+            since, first = time.monotonic() - task.fields["stepped"], task.fields["first"]
+            total = None if task.total is None else task.total - first
+            return Text(time_left(task.completed - first, total, task.elapsed or 0.0, since))
 
     class Steps(progress.MofNCompleteColumn):
         def render(self, task: progress.Task) -> Text:
@@ -80,8 +81,9 @@ def stage_bars() -> Iterator[Progress]:
                 for known in bars.tasks:
                     bars.update(known.id, visible=known.finished)
                 if stage not in tasks:
-                    told = stage[: max(errors.width - _BESIDE, 10)]
-                    tasks[stage] = bars.add_task(told, total=total or None, stepped=time.monotonic())
+                    told, now = stage[: max(errors.width - _BESIDE, 10)], time.monotonic()
+                    # Steps done before took none of its time: those of a sweep that goes on.
+                    tasks[stage] = bars.add_task(told, total=total or None, stepped=now, first=done)
                 bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
 
         yield show
