@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import sys
 import tempfile
@@ -86,7 +87,7 @@ def new(
     for key, value in vars(sizes).items():
         if key not in answers:
             said = getattr(usual, key) if value is None else value
-            answers[key] = said if yes or value is not None else _asked(key, said)
+            answers[key] = said if yes or value is not None else _asked(key, usual)
     layout = replace(usual, **answers)
     for line in check_lines(checked(layout)):
         options.say(line)
@@ -111,31 +112,42 @@ def _in_the_middle(layout: NewLayout) -> LadleLocation:
             raise NoSolutionError(f"in the middle of the workspace {error}; nothing is written") from error
 
 
-def _asked(key: str, usual: Any) -> Any:
-    """Ask for a value until it is one: a word, a number, or two numbers."""
+def _asked(key: str, layout: NewLayout) -> Any:
+    """Ask for a value until it is one that the layout may have: a word, a number, or two numbers."""
     from pouring_robot.robot.pouring.new_layout import QUESTIONS
 
+    with contextlib.suppress(ImportError):
+        import readline  # noqa: F401  # lets arrow keys edit what is typed
+
+    usual = getattr(layout, key)
+
     def parsed(text: str) -> Any:
-        if isinstance(usual, str):
-            return text
+        answer: Any = text
+        if not isinstance(usual, str):
+            try:
+                numbers = tuple(float(word) for word in text.replace(",", " ").split())
+            except ValueError:
+                numbers = ()
+            wanted = len(usual) if isinstance(usual, tuple) else 1
+            if len(numbers) != wanted:
+                raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
+            answer = numbers if wanted > 1 else numbers[0]
         try:
-            numbers = tuple(float(word) for word in text.replace(",", " ").split())
-        except ValueError:
-            numbers = ()
-        wanted = len(usual) if isinstance(usual, tuple) else 1
-        if len(numbers) != wanted:
-            raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
-        return numbers if wanted > 1 else numbers[0]
+            replace(layout, **{key: answer})
+        except BadInputError as error:
+            raise typer.BadParameter(str(error)) from error
+        return answer
 
     numbers = usual if isinstance(usual, tuple) else (usual,)
     shown = usual if isinstance(usual, str) else " ".join(f"{value:g}" for value in numbers)
     try:
-        return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
+        if sys.stdin is not None:  # closed
+            return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
     except typer.Abort:
+        print()  # behind the question
         if sys.stdin.isatty():  # Ctrl-C
             raise
-        print()  # behind the question
-        raise BadInputError("nobody is there to answer; --yes asks nothing") from None
+    raise BadInputError("nobody is there to answer; --yes asks nothing")
 
 
 robot = bundles.group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])

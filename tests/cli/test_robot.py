@@ -134,9 +134,10 @@ def test_a_slide_that_cannot_stand_at_zero_starts_in_the_middle_of_its_range(run
 
 
 def test_a_new_robot_that_nobody_describes_says_how_to_go_on(run, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    code, _, err = run("robot", "new")
-    assert (code, err) == (2, "pouring-robot: nobody is there to answer; --yes asks nothing\n")
+    for nobody in (io.StringIO(""), None):  # closed
+        monkeypatch.setattr("sys.stdin", nobody)
+        code, _, err = run("robot", "new")
+        assert (code, err) == (2, "pouring-robot: nobody is there to answer; --yes asks nothing\n")
 
 
 def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
@@ -521,10 +522,10 @@ def test_a_joint_that_follows_one_that_is_not_there_is_refused_with_the_nearest(
 
 
 def test_a_machine_of_ones_own_is_asked_for_checked_and_drawn(run, tmp_path, monkeypatch):
-    """Answers from a keyboard; what is no answer is asked again; an empty line takes the default."""
-    monkeypatch.setattr("sys.stdin", io.StringIO("own\n1000\n1000 900\n" + "\n" * 6))
+    """Answers from a keyboard; what cannot be is asked again at once; an empty line takes the default."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("my own\nown\n1000\n-5 900\n1000 900\n" + "\n" * 6))
     code, out, err = run("robot", "new", "--z-mm", -1200, -700, "--out", "mine")
-    assert (code, "two numbers" in out + err) == (0, True)
+    assert code == 0 and all(why in out + err for why in ("must be one word", "two numbers", "above zero"))
     assert "2401 of 2401 poses" in out
     assert (tmp_path / "mine" / "robot.html").stat().st_size > 1e6
     code, out, _ = run("robots", "--model", "mine/model.yaml", "--json")
