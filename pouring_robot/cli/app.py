@@ -4,7 +4,6 @@ It ends with an :class:`~pouring_robot.exceptions.ExitCode`. An error is one lin
 reaches a user.
 """
 
-import contextlib
 import importlib
 import itertools
 import os
@@ -96,8 +95,10 @@ def _complain(message: str) -> None:
 
 
 def _to_stderr(text: str) -> None:
-    with contextlib.suppress(OSError):  # on a full disk, or read by nobody: the exit code says it still
-        print(text, file=sys.stderr)
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:  # on a full disk, or read by nobody: the exit code says it still, unless Python tries again at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,5 +1,6 @@
 """What nobody foresaw ends as one line, with the details in a file."""
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -58,8 +59,9 @@ def test_no_place_for_the_details(run, broken, monkeypatch):
 def test_what_cannot_be_said_is_no_fault_of_the_program(tmp_path):
     line = "import sys, tempfile; tempfile.tempdir = sys.argv[1]; from pouring_robot.cli.app import main; "
     line += "sys.exit(main(['pose', '--at-mm', '1', '2']))"
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([sys.executable, "-c", line, tmp_path], cwd=ROOT, stderr=full, check=False)
+        done = subprocess.run([sys.executable, "-c", line, tmp_path], cwd=ROOT, env=buffered, stderr=full, check=False)
     assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
 
 
