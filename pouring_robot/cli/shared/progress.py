@@ -68,7 +68,7 @@ def stage_bars() -> Iterator[Progress]:
         progress.TimeElapsedColumn(table_column=whole),
         Left(table_column=whole),
     )
-    hidden = QUIET.get() or not errors.is_interactive  # nor is one without a cursor to move, TERM=dumb
+    hidden = QUIET.get() or not errors.is_interactive  # a pipe, or TERM=dumb, whose cursor cannot move
     here = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
     bars = Bars(*columns, console=errors, transient=True, disable=hidden, auto_refresh=not here)
     drawing = threading.Lock()
