@@ -13,6 +13,7 @@ from pouring_robot.inference.thresholds import CHANCE_DRAWS
 from pouring_robot.io.figures import json_text, without_nan
 from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.forked import forked
+from pouring_robot.io.interrupt import stop_if_heard
 from pouring_robot.io.seeds import CHANCE_SEED
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.poses import pose_figures
@@ -44,6 +45,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
         if scene := ladle_scene(diagnosis):
             files[folder / LADLES] = page(scene)
         pictures = drawn()
+    stop_if_heard()  # which libraries swallow while they are loaded
     if diagnosis.suggestion.measurements:
         files[folder / NEXT] = diagnosis.suggestion.plan_text()
     with_it = {
