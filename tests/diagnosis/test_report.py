@@ -21,6 +21,7 @@ from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import _signatures, evidence_steps, plots, rival_margins
 from pouring_robot.diagnosis.report.scene import _scene, campaign_scene, ladle_scene, seen_states
 from pouring_robot.exceptions import OutputError
+from pouring_robot.io import interrupt
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
 from tests.diagnosis.hidden import STEP_M
@@ -270,3 +271,10 @@ def test_a_failure_leaves_the_folder_as_it_was(hot, written, monkeypatch, undraw
         write_diagnosis(hot, folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
+
+
+def test_a_ctrl_c_that_a_library_swallowed_stops_before_anything_is_written(hot, tmp_path, monkeypatch):
+    monkeypatch.setattr(interrupt._Heard, "yes", True)
+    with pytest.raises(KeyboardInterrupt):
+        write_diagnosis(hot, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
