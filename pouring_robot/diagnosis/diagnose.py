@@ -264,7 +264,12 @@ class _Work:
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
         if judgement.larger_noise and not found.larger_noise:
             self.say("searching again under a larger noise", 0, 0)
-            return self.judged(found.under_larger(judgement.larger_noise), flags)
+            anew = self.judged(found.under_larger(judgement.larger_noise), flags)
+            if not (anew.judgement.clear_structures or anew.judgement.beaten):
+                return anew
+            # With less beside it that noise leaves something clear: it is none.
+            concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
+            judgement, after, hypothesis, in_turn = concluded
         unknown = judgement.verdict == "unknown" and judgement.causes
         covariances = diagnoser.covariances(hypothesis, after if unknown else None)
         parameters = diagnoser.parameters_of(hypothesis, covariances)
@@ -318,7 +323,7 @@ class _Work:
         return f"{where(self.campaign, wrong)} may be wrong, and too few rows are left without; measure again there"
 
     def _concluded(
-        self, found: Searched, before: LinearState, misfit: str, unsettled: str
+        self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
     ) -> tuple[Judgement, LinearState, Hypothesis, InTurn | None]:
         """Return what may be said of what was found, the model amended by it, and what blocks in turn say of it."""
         diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
@@ -332,7 +337,7 @@ class _Work:
             diagnoser.thresholds,
             kind=kind_of(after.linear.component),
             larger_noise=found.larger_noise,
-            noise_known=known,
+            noise_known=known and as_noise,
             unexplained=misfit,
             varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
         )

@@ -52,6 +52,7 @@ from pouring_robot.robot.robot import Robot
 from tests.campaign.simulated import measure
 from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign
 from tests.rig import Wanted, make_campaign, write_case
+from tests.rig.__main__ import case
 from tests.support import ACTUAL
 
 CONTRACT = {
@@ -620,6 +621,16 @@ def test_a_noise_that_is_too_small_of_one_kind_is_told_as_that(kind, key, unit):
     other = {"position": "rotation_mrad", "rotation": "position_mm"}[kind]
     assert figures["noise_left"][other] == figures["noise"][other] == pytest.approx(0.05)
     assert figures["noise"][f"{kind}_{unit}"] == pytest.approx(0.01)
+
+
+def test_what_a_larger_noise_leaves_clear_is_no_noise(tmp_path):
+    """Beside four causes that are not there refraction scatters like a noise; with less beside it follows the pose."""
+    found = diagnose(write_case(tmp_path, case(386, 98, wide=True)) / "campaign.csv")
+    assert found.judgement.verdict == "unknown"
+    assert found.noise_left is None
+    assert found.judgement.reasons[0].startswith(
+        "what is left depends on something no effect explains: readings by pose"
+    )
 
 
 def test_joints_are_named_beside_a_noise_that_is_stated_too_small():
