@@ -68,16 +68,17 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         return campaign, []
     if campaign.metadata.own_frames:
         together = in_one_frame(campaign, poses)
-        return together, list(_targets_moved(together, poses))
+        return together, list(_targets_moved(together, _compared(together, poses)))
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
     try:  # by places alone: distances are told of one frame
         together = in_one_frame(dataclasses.replace(campaign, metadata=metadata, distance_m=None), poses)
-        compared = (Comparison(c.drives, poses, c.position_m, c.rotation_vector_rad) for c in (campaign, together))
-        before, after = (one.fit(1.0).position_scale_m for one in compared)
+        seen = _compared(together, poses)
+        apart, shared = _compared(campaign, poses).fit(1.0), seen.fit(1.0)
     except (CampaignError, FrameFitError):
         return campaign, []  # too few rows to say
     # Seen from wherever it takes: what is left then no place of the tracker explains.
-    remounted = list(_targets_moved(together, poses))
+    remounted = list(_targets_moved(together, seen, shared))
+    before, after = apart.position_scale_m, shared.position_scale_m
     moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
     if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
         return campaign, remounted
@@ -89,25 +90,31 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved}), *remounted]
 
 
-def _targets_moved(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
-    """Yield sessions, seen from one place, that agree with the robot far better with a target of their own."""
-    everything = Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad)
-    whole = poses.complete & np.isfinite(campaign.position_m).all(axis=1)
+def _compared(campaign: Campaign, poses: PoseStack) -> Comparison:
+    return Comparison(campaign.drives, poses, campaign.position_m, campaign.rotation_vector_rad)
+
+
+def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit | None = None) -> Iterator[DataFlag]:
+    """Yield sessions, seen from one place, that agree with the robot far better with a target of their own.
+
+    All are compared with the drawing; the frames that they share are fitted, unless they are known.
+    """
+    whole = everything.poses.complete & np.isfinite(campaign.position_m).all(axis=1)
     told = {name: rows for name, rows in campaign.rows_by_session().items() if whole[rows].sum() >= _TELLING_ROWS}
     if not told:
         return
-    shared = everything.fit(1.0)
+    shared = shared or everything.fit(1.0)
     for session, members in told.items():
         own = everything[members].fit(1.0)
         away = robust_sigma(shared.position_residual_m[members])
-        sizes = [(away, own.position_scale_m, _SUSPECT_M, _HOPELESS_M, MM, "mm")]
+        sizes, hopeless = [(away, own.position_scale_m, _SUSPECT_M, MM, "mm")], away > _HOPELESS_M
         if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
             turned = robust_sigma(shared.rotation_residual_rad[members])
-            sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, _HOPELESS_RAD, MRAD, "mrad"))
-        if any(before > max(least, _TIMES_BETTER * after) for before, after, least, *_ in sizes):
-            one = " and ".join(f"{before / si:.3g} {unit}" for before, *_, si, unit in sizes)
-            other = " and ".join(f"{after / si:.3g} {unit}" for _, after, *_, si, unit in sizes)
-            hopeless = any(before > most for before, _, _, most, *_ in sizes)
+            sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, MRAD, "mrad"))
+            hopeless = hopeless or turned > _HOPELESS_RAD
+        if any(before > max(least, _TIMES_BETTER * after) for before, after, least, _, _ in sizes):
+            one = " and ".join(f"{before / si:.3g} {unit}" for before, _, _, si, unit in sizes)
+            other = " and ".join(f"{after / si:.3g} {unit}" for _, after, _, si, unit in sizes)
             message = (
                 f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
                 f"its rows miss the robot by {one} a component, with one of its own by {other}"
