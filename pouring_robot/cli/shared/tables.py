@@ -50,22 +50,8 @@ def print_table(
 
 def _set(rows: Sequence[Sequence[str]], left: Collection[int], room: float) -> Iterator[list[str]]:
     """Yield each row as the lines that it takes where there is room for so many letters."""
-    columns = list(zip(*rows, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    least = {k: max(len(word) for cell in columns[k] for word in (*cell.split(), "")) for k in left}
-
-    def excess(widths: Sequence[int], gap: int) -> float:
-        return sum(widths) + gap * (len(widths) - 1) - room
-
-    narrowest = [least.get(k, width) for k, width in enumerate(widths)]
-    gap = next((gap for gap in (2, 1) if excess(narrowest, gap) <= 0), 0)
-    while gap and excess(widths, gap) > 0:
-        widths[max((k for k in left if widths[k] > least[k]), key=widths.__getitem__)] -= 1
-    gap, parts = gap or 2, [list[int]()]
-    for k in range(len(widths)):
-        if parts[-1] and excess([widths[j] for j in (*parts[-1], k)], gap) > -gap * (len(parts) > 1):
-            parts.append([])
-        parts[-1].append(k)
+    widths, gap = _widths(list(zip(*rows, strict=True)), left, room)
+    parts = _parts(widths, gap, room)
     for row in rows:
         folded = [
             textwrap.wrap(cell, width, break_long_words=False, break_on_hyphens=False) if len(cell) > width else [cell]
@@ -77,6 +63,34 @@ def _set(rows: Sequence[Sequence[str]], left: Collection[int], room: float) -> I
             for part in parts:
                 taken.append(" " * (gap * (part is not parts[0])) + (" " * gap).join(even[k] for k in part).rstrip())
         yield taken
+
+
+def _widths(columns: Sequence[Sequence[str]], left: Collection[int], room: float) -> tuple[list[int], int]:
+    """Return how wide each column is and the gap between them: texts narrower where that makes all fit."""
+    widths = [max(map(len, column)) for column in columns]
+    least = {k: max(len(word) for cell in columns[k] for word in (*cell.split(), "")) for k in left}
+    narrowest = [least.get(k, width) for k, width in enumerate(widths)]
+    for gap in (2, 1):
+        if _taken(narrowest, gap) <= room:
+            while _taken(widths, gap) > room:
+                widths[max((k for k in left if widths[k] > least[k]), key=widths.__getitem__)] -= 1
+            return widths, gap
+    return widths, 2
+
+
+def _parts(widths: Sequence[int], gap: int, room: float) -> list[list[int]]:
+    """Return which columns stand beside each other: those for which there is no room go on further in, a gap in."""
+    parts = [list[int]()]
+    for k in range(len(widths)):
+        further_in = gap * (len(parts) > 1)
+        if parts[-1] and further_in + _taken([widths[j] for j in (*parts[-1], k)], gap) > room:
+            parts.append([])
+        parts[-1].append(k)
+    return parts
+
+
+def _taken(widths: Sequence[int], gap: int) -> int:
+    return sum(widths) + gap * (len(widths) - 1)
 
 
 def print_blocks(blocks: Iterable[Block]) -> None:
