@@ -1,6 +1,5 @@
 """``pouring-robot export``: the robot as built for other programs, closed."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,7 +29,7 @@ def export(
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
     from pouring_robot.mechanism.arrays import rms
-    from pouring_robot.robot.export.closed_robot import ClosedRobot
+    from pouring_robot.robot.export.closed_robot import ClosedRobot, ball_notes
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
     from pouring_robot.robot.pouring.layout import stale_mesh_note
@@ -55,11 +54,3 @@ def export(
     counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
     balls = ball_notes(closed.balls, zero_here) if form == "urdf" else []
     options.print_notes([*balls, *([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])
-
-
-def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
-    """Return what a URDF cannot say of ball joints: none where there is none."""
-    if not balls:
-        return []
-    where = "at its zeros alone" if zero_here else "at no joint values"
-    return [f"URDF knows no ball joints: {', '.join(balls)} turns about one axis there, and the tree closes {where}"]

@@ -8,7 +8,7 @@ another one; :meth:`ClosedRobot.over_workspace` says how much that does.
 """
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -33,6 +33,14 @@ _COUNTED = (
     ("calibration", "rising"),
     ("calibration", "falling"),
 )
+
+
+def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
+    """Return what a URDF cannot say of ball joints: none where there is none."""
+    if not balls:
+        return []
+    where = "at its zeros alone" if zero_here else "at no joint values"
+    return [f"URDF knows no ball joints: {', '.join(balls)} turns about one axis there, and the tree closes {where}"]
 
 
 def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
