@@ -127,7 +127,8 @@ def judge(
         kind: of which kind of measurement, each with a noise of its own, every equation is, as labels (m,); by default
             of one.
         larger_noise: under which it is the best one, where what was left under the noise that is told scatters so.
-        noise_known: whether the noise is that of the device, and not what is left over itself.
+        noise_known: whether what is left may be a larger noise: not where that is what is left over itself, or where a
+            larger one was found to be none.
         unexplained: why something is unknown whatever is found here; "" if nothing is.
         varied: how the size of each effect at work may vary; by default it does not.
     """

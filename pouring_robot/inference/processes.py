@@ -95,8 +95,8 @@ class Process:
         every = Channel(where, np.ones(count), sums_of(np.arange(count), count))
         return cls(where, by, {"": (Part(every, columns),)})
 
-    def moved_by(self, channel: Callable[[Channel], Channel]) -> Process:
-        """Return the same with another channel for each."""
+    def with_channels(self, channel: Callable[[Channel], Channel]) -> Process:
+        """Return the same with another channel in the place of each."""
         lengths = {
             words: tuple(replace(part, channel=channel(part.channel)) for part in parts)
             for words, parts in self.lengths.items()

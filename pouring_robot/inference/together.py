@@ -167,7 +167,9 @@ class SeenProcesses:
     def over(self, times: FloatArray) -> Self:
         """Return the same where the noise of each equation is so many times as large, (m,)."""
         over = cache(lambda channel: channel.over(times))  # processes share channels
-        return self.of(self.hypothesis.over(times), (own[0].process.moved_by(over) for own in self._every.values()))
+        return self.of(
+            self.hypothesis.over(times), (own[0].process.with_channels(over) for own in self._every.values())
+        )
 
     def under(self, factor: float) -> Self:
         """Return the same where all noise is so many times as large: what processes are worth, not what they do."""
