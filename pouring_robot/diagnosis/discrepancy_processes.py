@@ -1,8 +1,8 @@
 """Gaussian processes of the discrepancy: each place of a robot that something unknown may move, by each condition.
 
-What moves is the measured body, the base, the drives, or joints; conditions are the pose, time and order, sessions, the
-load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how fast anything
-varies with it, the data say.
+What moves is the measured body, the base, the target, the drives, or joints; conditions are the pose, time and order,
+sessions, the load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how
+fast anything varies with it, the data say.
 """
 
 import functools
@@ -29,7 +29,7 @@ from pouring_robot.robot.description.drive import Drive
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
 _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
-DRIVES, SEEN = "drives", "readings"
+DRIVES, SEEN, TARGET = "drives", "readings", "target"
 CONSTANT = "a constant"
 CYCLES = "time, in cycles"
 SIDE = "side of approach"
@@ -103,12 +103,13 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
     # What differs from row to row moves both ends of a reading, each by its own row.
     moving = functools.cache(lambda name: rows.moving(name, {name: unit}, linear, sums))
-    base = [moving(f"base.{component}") for component in COMPONENTS]
+    base, target = ([moving(f"{frame}.{component}") for component in COMPONENTS] for frame in ("base", "tool"))
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
         *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose, *_of_cycles(given))),
         *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
         *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
+        *(_moved(TARGET, by, target, lengths) for by, lengths in alone),
         *_of_own_value(places),
         *_of_other_drives(places),
         by_chance_at(DRIVES, places.drives, len(given)),

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from pouring_robot.diagnosis.discrepancy_processes import CYCLES
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES, TARGET
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import table_of
 from pouring_robot.estimation.kinds import component_name, component_shown_in
@@ -50,6 +50,11 @@ class Remainder:
         """What it depends on, in words."""
         process = self.structure.process
         return f"{process.by} of {self.structure.length}" if process.by == CYCLES else process.by
+
+    @property
+    def slipped(self) -> bool:
+        """Whether it is the target that sits elsewhere than before."""
+        return self.structure.process.where == TARGET and self.structure.process.by in _IN_TIME
 
     @property
     def sentence(self) -> str:

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pouring_robot import Campaign, RobotModel, diagnose
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions
 from pouring_robot.diagnosis.report.notes import note_lines
+from pouring_robot.diagnosis.report.sentences import next_lines
 from pouring_robot.robot.robot import Robot
 from tests.diagnosis.hidden import campaign as hidden
 from tests.rig import Wanted
@@ -19,22 +21,29 @@ ARM = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
 SIGMA_MM = 0.03
 
 
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """Sixty places of the arm in four sessions, each seen from a place of its own, 1 mm apart."""
+SESSION = np.repeat(np.arange(4), 15)
+
+
+def measured(folder, moved_mm):
+    """Write and read sixty places of the arm in four sessions, moved, (60, 3), by what turns of the flange make."""
     arm, rng = Robot.load(ARM), np.random.default_rng(0)
     drives = random_plan(arm, 60, 3).drives
-    seen = 1e3 * arm.locate_drives(drives).actual_position.sel(frame="flange").values
-    session = np.repeat(np.arange(4), 15)
-    seen = seen + rng.normal(0.0, 1.0, (4, 3))[session] + rng.normal(0.0, SIGMA_MM, seen.shape)
+    flange = arm.locate_drives(drives).sel(frame="flange")
+    turns = Rotation.from_rotvec(flange.actual_rotation.values)
+    seen = 1e3 * flange.actual_position.values + moved_mm(turns, rng) + rng.normal(0.0, SIGMA_MM, (60, 3))
     table = pd.DataFrame(seen, columns=["x_mm", "y_mm", "z_mm"])
     for k, drive in enumerate(arm.model.definition.drives):
         table[f"{drive.column}_deg"] = np.degrees(drives[:, k])
-    table["session"] = np.array(list("abcd"))[session]
-    folder = tmp_path_factory.mktemp("sessions")
+    table["session"] = np.array(list("abcd"))[SESSION]
     table.to_csv(folder / "c.csv", index=False)
     (folder / "c.yaml").write_text(f"metrology: {{sigma_position_mm: {SIGMA_MM}}}\n", encoding="utf-8")
     return Campaign.read(folder / "c.csv", ARM)
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Each session is seen from a place of its own, 1 mm apart."""
+    return measured(tmp_path_factory.mktemp("sessions"), lambda _, rng: rng.normal(0.0, 1.0, (4, 3))[SESSION])
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +62,16 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(found):
     np.testing.assert_allclose([p.value for p in told], (moved - moved.mean(axis=0)).ravel(), atol=4 * told[0].std)
     said = "what session_offset is in session d, which is held out, no other session tells"
     assert any(line.startswith(said) for line in note_lines(found))
+
+
+def test_a_target_that_slipped_on_the_flange_is_what_is_unknown(tmp_path):
+    """By half a millimetre, before the third session: it moves what is seen as the flange is turned."""
+    slipped = [0.4, 0.3, 0.0] * (SESSION >= 2)[:, None]
+    found = diagnose(measured(tmp_path, lambda turns, _: turns.apply(slipped)), RobotModel.for_robot(ARM))
+    (left,) = found.remainder
+    assert (found.verdict, left.structure.process.name) == ("unknown", "target by session")
+    assert not found.firm
+    assert any("slipped" in line for line in next_lines(found))
 
 
 def test_a_session_for_each_row_is_none(campaign):

@@ -376,6 +376,8 @@ def _where_to_look(diagnosis: Conclusions) -> str:
             "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
             "is (metrology in the YAML); if not, something that changes from row to row is missing"
         )
+    if any(left.slipped for left in diagnosis.remainder):
+        return "see whether the target slipped or was mounted anew: if so, make rows before and after two campaigns"
     by = [left.by for left in diagnosis.remainder if left.by != CHANCE]
     if not by:
         return "measure the same poses again under other conditions: what changes tells what it depends on"
