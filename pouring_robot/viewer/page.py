@@ -54,6 +54,7 @@ def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = Non
             legend=legend(scene),
             ramp=scene.scale.colours(np.linspace(scene.scale.lower, scene.scale.upper, 11)) if scene.scale else (),
             bench=bench,
+            enlarges=bool(scene.arrows) or any(robot.reference is not None for robot in scene.robots),
             connect="'self'" if live else "'none'",
             content=json.dumps(content, allow_nan=False).replace("<", r"\u003c"),
             viewer=_viewer_script(),

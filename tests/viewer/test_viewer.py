@@ -111,6 +111,13 @@ def test_panel_says_what_is_seen(page):
     assert "<the>" not in page  # escaped wherever it stands
 
 
+def test_what_nothing_enlarges_is_not_offered(page, tmp_path):
+    still = small_scene(tmp_path, arrows=(), exaggeration=1.0)
+    factor = r'<input id="factor"[^>]*( hidden)>'
+    assert re.search(factor, write_html(still, tmp_path / "still.html").read_text())
+    assert not re.search(factor, page)
+
+
 def test_exaggeration_of_one_is_true_scale(tmp_path):
     assert exaggeration_text(small_scene(tmp_path, exaggeration=1.0)) == "drawn to scale"
 
@@ -422,6 +429,46 @@ def test_a_browser_plays_and_tells(tmp_path):
     moved, canvas, label, caption, figure, states = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
     assert moved == pytest.approx(0.1)  # a tenth of a second later, where steps 0 and 1 are a second apart
     assert (canvas, label, caption.split(), figure, states) == ("CANVAS", "step 1", ["number", "1"], "1.41 mm", 0)
+
+
+@needs_browser
+def test_between_two_steps_the_figure_is_that_of_the_step_that_is_told(tmp_path):
+    """Halfway between 1.41 mm to the left and as much to the right stands no error of nothing."""
+    vectors = np.array([[0.0, 0.0, 0.0], [0.0, 1e-3, 1e-3], [0.0, -1e-3, -1e-3], [0.0, 0.0, 0.0]])[:, None]
+    scene = film(tmp_path)
+    scene = replace(scene, arrows=(replace(scene.arrows[0], vectors_m=vectors),))
+    probe = """
+      const time = $("time"), told = () => [at, arrows[0].label.textContent, $("caption").innerText.split("\\t")[1]];
+      go(1.6); const played = told();
+      time.value = 1.4; time.dispatchEvent(new Event("input")); const dragged = told();
+      const box = $("curves").getBoundingClientRect();
+      $("curves").dispatchEvent(new PointerEvent("pointerdown", { clientX: box.left + 0.3 * box.width }));
+      const pointed = told();
+      go(0.6); play(0);
+      const made = document.createElement("pre"); made.id = "probe";
+      made.textContent = JSON.stringify([played, dragged, pointed, told()]); document.body.append(made);"""
+    _, dom = _browsed(write_html(scene, tmp_path / "film.html").read_text(), tmp_path, probe)
+    played, dragged, pointed, paused = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert played == [1.6, "1.41 mm", "2"]
+    assert dragged == paused == [1, "1.41 mm", "1"]
+    assert pointed == [2, "1.41 mm", "2"]  # 0.3 of 9 s is 2.7 s, and steps stand at 1 and 4 s
+
+
+@needs_browser
+def test_a_printed_page_has_its_picture(page, tmp_path):
+    """What a browser prints is what the canvas still holds; the rest stands below it."""
+    probe = """setTimeout(() => {
+      const flat = element("canvas", { width: 1, height: 1 }).getContext("2d"), canvas = viewer.renderer.domElement;
+      flat.drawImage(canvas, -canvas.width / 2, -10);
+      const box = node => node.getBoundingClientRect(), shown = node => getComputedStyle(node).display !== "none";
+      const made = document.createElement("pre"); made.id = "probe";
+      made.textContent = JSON.stringify([flat.getImageData(0, 0, 1, 1).data[3], box(canvas).width / box(pane).width,
+        box($("bar")).top >= box(canvas).bottom, box($("panel")).top >= box($("bar")).bottom,
+        shown($("scale")), shown($("factor")), getComputedStyle(document.body).overflow]);
+      document.body.append(made); }, 1000);"""
+    _, dom = _browsed(page.replace("@media print", "@media all"), tmp_path, probe)
+    found = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert found == [255, 1, True, True, True, False, "visible"]
 
 
 @needs_browser

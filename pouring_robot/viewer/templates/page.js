@@ -26,7 +26,7 @@ function by_software() {  // without a graphics card smooth edges cost more than
 
 function start() {
   software = by_software();
-  const renderer = new three.WebGLRenderer({ antialias: !software });
+  const renderer = new three.WebGLRenderer({ antialias: !software, preserveDrawingBuffer: true });  // else print is black
   pane.appendChild(renderer.domElement);
   viewer = new MeshCat.Viewer(pane, true, renderer);
   viewer.set_3d_pane_size = () => {
@@ -196,8 +196,10 @@ function place_arrows(item) {
     const [broad, long] = length > thick / 2 ? [head / 2.6, head] : [thick, thick];
     item.parts[1].setMatrixAt(n, matrix.compose(neck, spin, new three.Vector3(broad, broad, long)));
     item.tail.copy(tail);
-    item.label.textContent = `${(1000 * Math.hypot(e[3], e[4], e[5])).toFixed(2)} mm`;
   }
+  // A figure is that of the step that is told: the mean of two arrows may be shorter than both.
+  const [x, y, z] = mixed(item.ends, width, Math.round(at)).subarray(3);
+  item.label.textContent = `${(1000 * Math.hypot(x, y, z)).toFixed(2)} mm`;
   item.parts.forEach(part => {
     part.instanceMatrix.needsUpdate = true;
     part.visible = item.shown_with ? seen(item.shown_with) : seen(item.name);
@@ -210,9 +212,9 @@ function place_labels() {  // each stays beside its arrow, wherever the camera g
     if (item.count > 1) { continue; }
     const [tail, tip] = [item.tail, item.tip].map(end => end.clone().applyMatrix4(root.matrixWorld).project(viewer.camera));
     item.label.hidden = !item.parts[0].visible || tip.z > 1;
-    const left = (0.5 + 0.5 * Math.max(tail.x, tip.x)) * pane.clientWidth + 18;
-    const room = Math.max(0, Math.min(left, pane.clientWidth - item.label.offsetWidth - 4));
-    item.label.style.transform = `translate(${room}px, calc(${(0.5 - 0.5 * tip.y) * pane.clientHeight}px - 50%))`;
+    // In parts of the pane: on paper it is of another size.
+    item.label.style.left = `clamp(0px, ${50 + 50 * Math.max(tail.x, tip.x)}% + 18px, 100% - ${item.label.offsetWidth + 4}px)`;
+    item.label.style.top = `${50 - 50 * tip.y}%`;
   }
 }
 
@@ -264,7 +266,7 @@ function draw_curves() {
   const seek = event => {
     if (event.type === "pointermove" && !event.buttons) { return; }
     const edge = box.getBoundingClientRect();
-    go(step_at(film.at[0] + span * Math.min(Math.max((event.clientX - edge.left) / edge.width, 0), 1)));
+    go(Math.round(step_at(film.at[0] + span * Math.min(Math.max((event.clientX - edge.left) / edge.width, 0), 1))));
   };
   box.addEventListener("pointerdown", seek);
   box.addEventListener("pointermove", seek);
@@ -290,7 +292,7 @@ function sharpness(ratio, edged = true) {  // a coarser picture while it moves, 
 }
 
 function play(now) {
-  if (!speed) { sharpness(window.devicePixelRatio); show(); return; }
+  if (!speed) { sharpness(window.devicePixelRatio); go(Math.round(at)); return; }  // between two steps there is nothing
   slow = 0.8 * slow + 0.2 * (now - before);
   if (viewer && slow > 1000 / 30) {
     sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio()));
