@@ -77,6 +77,22 @@ def test_what_is_folded_is_printed(tmp_path):
     assert words[0] == words[1] > 10
 
 
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium, which no Python package brings")
+def test_paper_cuts_off_nothing(tmp_path):
+    """An A4 page has 718 px between its margins, and nobody can scroll it."""
+    figure = new_figure(9.5, 3.0)
+    figure.subplots()
+    wide = Table(tuple(f"x{k} mrad" for k in range(8)), [("−123.4567 ± 1.2345",) * 8])
+    page = html_page("t", [wide, Plot("t", svg_of(figure))]).replace("@media print", "@media all")
+    probe = """document.title = [...document.querySelectorAll(".wide")].map(box =>
+      `${getComputedStyle(box).overflowX} ${box.scrollWidth - box.clientWidth}`)"""
+    (tmp_path / "page.html").write_text(page.replace("</body>", f"<script>{probe}</script></body>"))
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--window-size=718,1000", "--dump-dom", (tmp_path / "page.html").as_uri()]
+    dom = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    assert re.search("<title>(.*)</title>", dom)[1] == "visible 0,visible 0"
+
+
 def test_headings_stand_over_their_cells():
     table = Table(("name", "a", "b", "c", "d"), [("x", "1.0", "+3 ± 2", "mm", ""), ("y", "−2", "4 %", "", "–")])
     assert table.left == {0, 3}
