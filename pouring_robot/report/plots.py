@@ -32,6 +32,7 @@ def own_look() -> Iterator[None]:
 
     with _drawing, mpl.rc_context():
         mpl.rcdefaults()
+        mpl.rcParams["text.parse_math"] = False  # names and stories of others hold what they like
         yield
 
 

@@ -26,6 +26,8 @@ def draw(sets: Sequence[tuple[str, Sequence[Trial]]], path: Path) -> None:
     stated.plot([_LEAST, 1], [_LEAST, 1], color=DARK_GREY, linestyle="--", linewidth=1, label="as stated")
     stated.set(xscale="log", yscale="log", xlim=(1, 0.5 * _LEAST), ylim=(1, 0.5 * _LEAST))
     stated.set(xlabel="stated chance that the name is false", ylabel="share of false names, 95 % interval")
+    for axis in (stated.xaxis, stated.yaxis):
+        axis.set_major_formatter("{x:g}")
     sizes.set(xscale="log", ylim=(0, 1.03), xlabel="size of a single effect over the noise (both RMS)")
     sizes.set(ylabel="named, alone or in a group, 95 % interval")
     sizes.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])

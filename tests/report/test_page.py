@@ -12,7 +12,7 @@ import pytest
 
 from pouring_robot import __version__
 from pouring_robot.report.page import Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import new_figure, svg_of, tell
+from pouring_robot.report.plots import new_figure, own_look, svg_of, tell
 
 EVIL = "<script>alert('&')</script>"
 BLOCKS = [
@@ -122,6 +122,17 @@ def pointed():
     tell(panel.bar([3.0], [1.0])[0], ["a bar 0.12345"])
     panel.legend()
     return svg_of(figure)
+
+
+@pytest.mark.parametrize("words", ["costs $5 and $6", r"wear of $\frac{$", "a_$x^2$_1"])
+def test_texts_of_others_are_no_formulas(words):
+    """Between two dollar signs Matplotlib sees TeX, and a formula that is none ended the command."""
+    with own_look():
+        figure = new_figure(6.0, 3.0)
+        panel = figure.subplots()
+        panel.set(title=words, xlabel=words)
+        panel.set_yticks([0.0, 1.0], [words, "b"])
+    assert re.findall(r"<text[^>]*>([^<]*\$[^<]*)</text>", svg_of(figure)) == 3 * [words]
 
 
 def test_a_picture_is_about_as_large_as_it_was_drawn():

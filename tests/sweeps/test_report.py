@@ -5,16 +5,24 @@ import html
 import json
 import re
 import runpy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from pouring_robot.cli.app import main
-from pouring_robot.report.plots import svg_of
+from pouring_robot.report.plots import new_figure, own_look, svg_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.report import html_report, map_of, report, share_text, study_figure
+from pouring_robot.sweeps.analysis.report import (
+    _cumulative,
+    html_report,
+    map_of,
+    report,
+    share_text,
+    study_figure,
+)
 from pouring_robot.sweeps.analysis.summary import Distances
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import LEARNED, ROOT
@@ -46,6 +54,15 @@ def test_one_call_runs_reports_and_saves(one_at_a_time, tmp_path):
     assert "<table" in outcome._repr_html_()
     assert float(abs(outcome.to_dataset().displacement).max()) > 0.0
     assert sorted(file.name for file in outcome.save()) == ["ranking.csv", "report.html", "summary.json", "sweep.png"]
+
+
+def test_distances_within_a_decade_have_figures_on_their_axis():
+    figure = new_figure(4.0, 3.0)
+    distances = SimpleNamespace(edges_m=np.array([2e-3, 4e-3, 8e-3]), counts=np.array([1, 1, 0, 0]))
+    with own_look():
+        _cumulative(figure.subplots(), SimpleNamespace(distances=distances, accuracy_m=7e-3, frame="tool"))
+    written = re.findall(r"<text[^>]*>(.*?)</text>", svg_of(figure))
+    assert {"2", "3", "4", "6"} <= set(written) and "$" not in "".join(written)
 
 
 def test_the_map_shows_every_pose_with_its_rms_over_the_robots(one_at_a_time):

@@ -281,6 +281,8 @@ def _cumulative(axes: Any, summary: Summary) -> None:
     axes.set_ylabel("share of robots and poses")
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
+    low, high = axes.get_xlim()
+    axes.xaxis.set_minor_formatter("{x:g}" if high < 10.0 * low else "")
     axes.grid(alpha=0.3)
     axes.legend()
 

@@ -122,6 +122,8 @@ def choice_of_sets(study: ThermalStudy) -> bytes:
         )
     degrees.axhline(10.0, color=ASH, linewidth=1.0, linestyle="--")
     degrees.set_yscale("log")
+    degrees.yaxis.set_major_formatter("{x:g}")
+    degrees.yaxis.set_minor_formatter("")
     degrees.set_xlabel("grey relational degree to temperature")
     degrees.set_ylabel("VIF against the set chosen first; dashed: 10")
     degrees.set_title("red: chosen", fontsize=10)
