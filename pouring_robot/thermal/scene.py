@@ -28,6 +28,7 @@ from pouring_robot.thermal.network.circuit import SOLVER
 from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
+from pouring_robot.viewer.scene import STEEL
 
 _LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.65, 0.10))
 _HEAT, _MELT, _AFTER = "heat", "melt_degC", "after_min"
@@ -38,7 +39,7 @@ _LONGEST_MIN, _COOLEST, _HOTTEST = 240.0, 1200.0, 1750.0
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
     """Return the drawing at a configuration (nq,), each visual coloured as its part's point nearest to its middle.
 
-    What belongs to no part of the field, such as the rails, keeps its own colour.
+    What belongs to no part of the field, such as the rails, is grey.
     """
     mechanism = robot.nominal_solver.mechanism
     places = bodies_at(mechanism.shared_model, [configuration])
@@ -97,9 +98,8 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
 
 
 def _coloured(drawn: SceneRobot, scale: ColourScale, values: FloatArray) -> SceneRobot:
-    """Return the robot with visuals in the colours of values (k, visuals); its own colours where there is none."""
-    own = np.array([item.meshColor[:3] for item in drawn.visual.geometryObjects])
-    colours = np.where(np.isfinite(values)[..., None], scale.colours(np.nan_to_num(values)), own)
+    """Return the robot with visuals in the colours of values (k, visuals); grey where there is none, as no value is."""
+    colours = np.where(np.isfinite(values)[..., None], scale.colours(np.nan_to_num(values)), STEEL)
     return dataclasses.replace(drawn, colours=colours)
 
 
