@@ -52,8 +52,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     _misfit(sights_of["M"], campaign, found, wrong)
     handles, labels = sights_of["X"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
-    kind = "full poses" if campaign.full_pose else "positions"
-    figure.suptitle(f"{campaign.path.name}: {len(campaign)} {kind}, as commanded, in the base's frame")
+    figure.suptitle(f"{campaign.path.name}: {len(campaign)} {campaign.seen}, as commanded, in the base's frame")
     return write_whole(path, png_of(figure))
 
 
@@ -76,7 +75,8 @@ def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Indices) 
     place.set(title="measured against nominal robot, frames fitted", xlabel="line in file", ylabel="distance [mm]")
     place.grid(alpha=0.25)
     if found.fit is None:
-        place.text(0.5, 0.5, "the frames cannot be fitted", ha="center", transform=place.transAxes)
+        said = "the frames cannot be fitted" if campaign.position_measured.any() else "no row has a measured position"
+        place.text(0.5, 0.5, said, ha="center", transform=place.transAxes)
         return
     residual = found.fit.position_residual_m
     distance = np.linalg.norm(np.nan_to_num(residual), axis=1) * 1e3

@@ -4,8 +4,10 @@ import json
 
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 from PIL import Image
 
+from pouring_robot.checks import plots
 from pouring_robot.cli.app import main
 from tests.support import ACTUAL, ROOT
 
@@ -155,3 +157,14 @@ def test_pictures_with_nothing_to_fit(tmp_path, capsys):
     assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 2
     assert "too few" in capsys.readouterr().out
     assert (tmp_path / "c.png").stat().st_size > 0
+
+
+def test_a_picture_names_what_was_measured(tmp_path, capsys, monkeypatch):
+    """Lines alone tell no place, and then there is nothing that a frame could be fitted to."""
+    machine, words = ROOT / "examples/machines/hangprinter", []
+    monkeypatch.setattr(plots, "png_of", lambda figure: words.extend(t.get_text() for t in figure.findobj(Text)) or b"")
+    check = ["campaign", "check", str(machine / "samples.csv"), "--robot", str(machine / "robot.yaml")]
+    assert main([*check, "--png", str(tmp_path / "c.png")]) == 0
+    assert "44 rows of closures" in capsys.readouterr().out
+    assert "samples.csv: 44 closures, as commanded, in the base's frame" in words
+    assert "no row has a measured position" in words
