@@ -31,6 +31,7 @@ from pouring_robot.viewer import (
     Camera,
     Scene,
     SceneArrows,
+    Step,
     enlarged,
     exaggeration_text,
     serve,
@@ -478,6 +479,15 @@ def test_a_browser_draws_the_page(page, tmp_path):
     assert red[:, 400:].any()  # the arrow, not its sign in the legend
     assert "errors drawn 20 × their size" in dom
     assert "7.07 mm" in dom
+
+
+@needs_browser
+def test_a_long_name_hides_no_figure(tmp_path):
+    scene = small_scene(tmp_path, steps=(Step("", ((60 * "long_", "7.1 mm"),)),))
+    probe = """const made = document.createElement("pre"); made.id = "probe"; document.body.append(made);
+      made.textContent = $("panel").scrollWidth - $("panel").clientWidth;"""
+    _, dom = _browsed(write_html(scene, tmp_path / "scene.html").read_text(), tmp_path, probe)
+    assert '<pre id="probe">0</pre>' in dom
 
 
 @needs_browser
