@@ -519,6 +519,19 @@ def test_a_number_that_is_being_typed_is_not_zero(tmp_path):
 
 
 @needs_browser
+def test_a_number_stands_whole_in_its_field(tmp_path):
+    sliders = _Doubling().sliders()
+    sliders["groups"][0]["sliders"][0] |= {"lower": -2000.0, "value": -1234.567}
+    probe = """
+      const made = document.createElement("pre"); made.id = "probe"; document.body.append(made);
+      const number = document.querySelector("#bench input[type=number]");
+      made.textContent = JSON.stringify([number.value, number.scrollWidth - number.clientWidth]);"""
+    page = page_module.page(small_scene(tmp_path), live=True, bench=sliders)
+    _, dom = _browsed(re.sub(r"new WebSocket\(.*?\)", "{}", page), tmp_path, probe)
+    assert json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1)) == ["-1234.567", 0]
+
+
+@needs_browser
 def test_figures_of_an_earlier_command_say_so(tmp_path):
     """Of a command that is refused there are none."""
     probe = """
