@@ -336,7 +336,8 @@ class FrameChecks:
         return _least([one for one in found if beyond.get(one[1], np.inf) <= fewest + _SOME_BEYOND])
 
     def _rotations(self) -> None:
-        if self.fit is None or not self._turns:
+        vectors = self.data.rotation_vector_rad
+        if self.fit is None or vectors is None or not self._turns:
             return
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
         before = _turn_misfit(self.data, rough=False)
@@ -345,11 +346,14 @@ class FrameChecks:
         changes = [(m, undone, undone.turned_by(self.data)) for m, undone in _undone(TURN_MISTAKES, self.data)]
         # A mistake that changes vectors so far may cause a misfit, of which the frames take up a part.
         tried = [(m, undone) for m, undone, far in changes if far / _TAKEN_UP < before < far * _FAR_ROWS]
-        left = _fitted(tried, _turn_misfit, _GAIN * before)
+        # Turns that errors alone make are smaller in any smaller unit; but no vector is longer than a whole turn.
+        whole = float(np.nanmedian(np.linalg.norm(vectors, axis=1))) > 2.0 * np.pi
+        most = _GAIN * (before if whole else min(before, self.data.turned_rad))
+        left = _fitted(tried, _turn_misfit, most)
         least = min((after for after, _ in left), default=before)
         # Of equals the first: the simpler mistake.
         after, best = next((one for one in left if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
-        if after < _GAIN * before:
+        if after < most:
             metrics = {"misfit_before_mrad": before / MRAD, "misfit_after_mrad": after / MRAD}
             self._found(best.code, best.message, best.names, metrics)
             self.data = dict(tried)[best]

@@ -86,6 +86,15 @@ def test_sound_data_pass(machine, full):
     assert check_campaign(campaign, machine.drawing) == []
 
 
+def test_turns_that_errors_alone_make_tell_no_unit():
+    """A delta's platform is drawn not to turn; its rods' errors tip it, by less in any smaller unit."""
+    delta = Machine(EXAMPLES / "robots" / "delta" / "robot.yaml")
+    place = delta.campaign.position_m - delta.campaign.position_m.mean(axis=0)
+    tip = rotation_matrices(np.cross([0.0, 0.015, 0.02], place))  # 25 mrad a metre
+    vectors = rotation_vectors(tip @ rotation_matrices(delta.campaign.rotation_vector_rad))
+    assert not codes(check_campaign(damaged(delta.campaign, rotation_vector_rad=vectors), delta.drawing))
+
+
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
 @pytest.mark.parametrize(("full", "fits"), [(True, 3), (False, 1)])
 def test_the_frames_of_sound_data_are_fitted_once_a_question(machine, full, fits, monkeypatch):
