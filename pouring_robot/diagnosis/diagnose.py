@@ -247,7 +247,7 @@ class _Work:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
             # What wrong rows have drawn to themselves is nothing to start from.
-            start = tried.hypothesis if tried.calm else None
+            start = tried.hypothesis if tried.telling else None
             asked = self.asked(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
             tried = self.searched(asked, start)
             found = tried if tried.calm else found

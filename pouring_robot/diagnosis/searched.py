@@ -153,7 +153,7 @@ class Searched:
         left = [Seen(fit.remainder, row, asked) for fit, row, asked in fits]
         deleted = [Seen(fit.deletion_residual, row, asked) for fit, row, asked in fits]
         more = gross_errors((left, deleted), gone, courses)
-        if not more.size and not self.calm:  # and what was found is nothing to go by
+        if not more.size and not self.telling:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
             more = gross_errors([[Seen(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
@@ -165,3 +165,8 @@ class Searched:
     def calm(self) -> bool:
         """Whether what it leaves of most of the fitted rows is noise, or little more."""
         return calm(self.hypothesis.remainder)
+
+    @property
+    def telling(self) -> bool:
+        """Whether most of the fitted rows are nearly foretold by the others: what takes up any row explains none."""
+        return calm(self.hypothesis.foretelling_residual)

@@ -354,6 +354,11 @@ class Hypothesis:
         """What each equation's residual would be if it took no part, see :func:`deletion_residual`, (m,)."""
         return deletion_residual(self.remainder, self.freedom)
 
+    @property
+    def foretelling_residual(self) -> FloatArray:
+        """By how much the others foretell each equation wrongly, in units of the noise, (m,); by the same leverage."""
+        return np.asarray(self.remainder / self.freedom.clip(min=_ALONE))
+
     def part(self, index: int) -> FloatArray:
         """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
         return self._parts[len(self._parts) - len(self.items) + index]
