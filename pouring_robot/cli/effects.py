@@ -44,7 +44,7 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
     from pouring_robot.effects.facts import sources
 
     conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))
-    bare = bare_conditions(model.definition)
+    bare, warm = bare_conditions(model.definition), complete_conditions(model.definition, every_thermometer=True)
     return [
         {
             "effect": effect.id,
@@ -57,7 +57,7 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
                     "one_of": form.one_of,
                     "parameters": [{"name": p.name, "unit": p.unit, "main": p.main} for p in form.parameters],
                 }
-                for form in checked_forms(effect, conditions, channels)
+                for form in checked_forms(effect, warm if effect.missing(conditions) else conditions, channels)
             ],
         }
         for effect in all_effects(model.definition).values()

@@ -49,6 +49,11 @@ class EffectParameter:
     main: bool = True  # whether it makes the effect; if not, it shapes what the main parameters make
     bounds: tuple[float, float] = (-float("inf"), float("inf"))  # what is physically possible, in ``unit``
 
+    def __post_init__(self) -> None:
+        # A list, or the truth of a condition, does as well as an array of floats.
+        floats = {name: np.asarray(change, dtype=float) for name, change in self.changes.items()}
+        object.__setattr__(self, "changes", floats)
+
 
 @dataclass(frozen=True, eq=False)
 class Form:
@@ -170,8 +175,10 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
         said = f"the effect '{effect.id}' fails under the conditions of this campaign: {why}"
         raise BadInputError(f"{said}; {not_for(conditions.robot)}") from problem
     names = [form.name for form in forms]
-    if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
-        raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
+    if not forms or len(set(names)) < len(names) or not all(any(p.main for p in form.parameters) for form in forms):
+        raise BadInputError(
+            f"the effect '{effect.id}' needs forms of different names, each with a parameter that is main"
+        )
     for form in forms:
         called = [parameter.name for parameter in form.parameters]
         if len(set(called)) < len(called):  # a model file holds their values by name
@@ -184,8 +191,10 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
                     raise BadInputError(f"{where} changes '{name}', which the robot does not have{near}; {mend}")
                 if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
                     raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
-            if not parameter.prior_std > 0.0:
+            if not 0.0 < parameter.prior_std < np.inf:
                 raise BadInputError(f"{where} needs a usual size above zero, not {parameter.prior_std:g}")
+            if not parameter.bounds[0] < parameter.bounds[1]:
+                raise BadInputError(f"{where} needs bounds of which the first is the lower, not {parameter.bounds}")
     return forms
 
 

@@ -314,11 +314,15 @@ def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
     )
 
 
-def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
-    """Return the same with nothing missing but several sessions; figures of no machine."""
+def complete_conditions(robot: RobotDefinition, rows: int = 3, *, every_thermometer: bool = False) -> Conditions:
+    """Return the same with nothing missing but several sessions; figures of no machine.
+
+    Of thermometers there are those that one expects, or every one that the robot may have.
+    """
     bare = bare_conditions(robot, rows)
     joints = robot.drawing().engine.structure.placed_joints
-    members = [member for kind in causes_of(robot).thermometers if kind.expected for member in kind.members]
+    kinds = (kind for kind in causes_of(robot).thermometers if every_thermometer or kind.expected)
+    members = [member for kind in kinds for member in kind.members]
     return replace(
         bare,
         approach=np.ones_like(bare.drives),

@@ -10,6 +10,7 @@ import pytest
 
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
+from tests.effects.plugins import installed
 from tests.effects.test_bearings import URDF as MAST
 from tests.robot.test_definition import ARM, FILE, ROBOTS
 from tests.support import ROOT
@@ -245,6 +246,28 @@ def test_effects_are_those_of_the_robot(run):
     assert needs["session_offset"] == "  needs: session"
     yielding = {line for effect, line in needs.items() if effect in ("drive_compliance", "joint_compliance")}
     assert yielding == {"  needs: inertias of the links in the URDF"}
+
+
+WARM = """
+from pouring_robot.effects import Effect, EffectParameter, Form
+
+
+class Lean(Effect):
+    id = "lean"
+    story = "the turret leans as it warms"
+    needs = ("turret_rise_k",)
+
+    def forms(self, conditions):
+        change = {"joint2.rx": 1e-3 * conditions.value("turret_rise_k")}
+        return (Form("only", (EffectParameter("lean", "mrad/K", 0.02, change),)),)
+"""
+
+
+def test_effects_of_packages_may_need_any_thermometer(run, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(installed(tmp_path / "leaning", "leaning", WARM, {"lean": "leaning:Lean"})))
+    code, out, err = run("effects", "--robot", ROBOTS / "arm" / "robot.yaml")
+    assert (code, err) == (0, "")
+    assert "lean: the turret leans as it warms\n  needs: turret_degC\n  form only: lean [mrad/K]" in out
 
 
 @pytest.mark.parametrize("name", ["turn: left #2", "007", "No", "null", "a/b, c", 'say "x"', "[1]", "1e3"])

@@ -1,5 +1,6 @@
 """What every effect promises: names, units and bounds; and columns that are the derivatives of the exact closure."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -169,6 +170,7 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
         ({"base.tx": np.full(70, np.nan)}, 1.0, "must change 'base.tx' by one finite number for each row"),
         ({"base.tx": np.zeros(70)}, 0.0, "needs a usual size above zero, not 0"),
         ({"base.tx": np.zeros(70)}, float("nan"), "needs a usual size above zero, not nan"),
+        ({"base.tx": np.zeros(70)}, float("inf"), "needs a usual size above zero, not inf"),
     ],
 )
 def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prior_std, said):
@@ -178,6 +180,21 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prio
     assert said in line
     assert "the effect 'users_own', form 'only', parameter 'one'" in line
     assert "\n" not in line
+
+
+def test_bounds_the_wrong_way_round_are_refused(bench):
+    effect = Users({"base.tx": np.zeros(70)})
+    effect.parameter = EffectParameter("one", "mm", 1.0, {"base.tx": np.zeros(70)}, bounds=(1.0, -1.0))
+    with pytest.raises(BadInputError, match=r"parameter 'one' needs bounds of which the first is the lower, not \(1"):
+        Library.of(bench.rows, {"users_own": effect})
+
+
+@pytest.mark.parametrize("side", [[0, 1] * 35, np.arange(70) % 2 == 1])
+def test_lists_and_truths_change_rows_as_floats_do(bench, side):
+    library = Library.of(bench.rows, {"users_own": Users({"base.tx": side})})
+    (parameter,) = library.forms["users_own", "only"].parameters
+    assert parameter.changes["base.tx"].dtype == float
+    assert parameter.changes["base.tx"].tolist() == [0.0, 1.0] * 35
 
 
 def test_parameters_of_one_name_are_refused(bench):
@@ -204,12 +221,17 @@ class Empty(Users):
         return (Form("only", ()),)
 
 
+class ShapesOnly(Users):
+    def forms(self, conditions):
+        return (Form("only", (dataclasses.replace(self.parameter, main=False),)),)
+
+
 class Double(Users):
     def forms(self, conditions):
         return (*super().forms(conditions), *super().forms(conditions))
 
 
-@pytest.mark.parametrize("kind", [Formless, Empty, Double])
+@pytest.mark.parametrize("kind", [Formless, Empty, ShapesOnly, Double])
 def test_forms_are_some_of_different_names_with_parameters(bench, kind):
     effect = kind({"drive.leg1_s3": np.ones(len(bench.rows))})
     with pytest.raises(BadInputError, match="'users_own' needs forms of different names, each with a parameter"):
