@@ -44,6 +44,18 @@ def test_directions_and_what_helps(measured):
         regress(table, method="pose")
 
 
+def test_poses_of_one_direction_are_not_said_to_err_in_opposite_ones():
+    """One pose errs by 1.5 mm at the hottest, nine by 0.2 to 0.6, all of them forward: too different for one line."""
+    hot_K = np.linspace(1773.15, 1973.15, 8)
+    gains = np.append(1.5, np.linspace(0.2, 0.6, 9))
+    scatter = 0.05 * np.random.default_rng(4).normal(size=(8, 10))
+    errors = 1e-3 * (gains * (hot_K[:, None] - 293.15) / 1680.0 + scatter)
+    found = regress(ErrorTable(hot_K, errors, tuple(f"P{k}" for k in range(10))))
+    assert (errors > 0.0).all()
+    (told,) = [part.text for part in blocks(found) if "the paper's P_end does not" in getattr(part, "text", "")]
+    assert told.endswith("poses err in opposite directions or too differently for one line")
+
+
 def test_formulas_are_those_of_the_models(measured):
     one = regress(measured[0]).axes["z"]
     lines = dict(line.split(") ", 1) for line in one.formulas())

@@ -338,6 +338,9 @@ def _figure(found: RegressionReport) -> object:
     return figure
 
 
+_UNLIKE = "poses err in opposite directions or too differently for one line"
+
+
 def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
     """Say where the regression does not help, and where the paper's would not."""
     notes = []
@@ -347,11 +350,11 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
             left, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
             notes.append(
                 f"{where}no method helps: of sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
-                f"{one.unit}. Poses err in opposite directions or too differently for one line; "
+                f"{one.unit}: {_UNLIKE}; "
                 + ("do not compensate" if POSE in one.unseen else "give --poses, or do not compensate")
             )
         elif one.unseen[PAPER].rms > HELPS_BELOW * one.unseen[NONE].rms:
-            notes.append(f"{where}the paper's P_end does not help here: poses err in opposite directions")
+            notes.append(f"{where}the paper's P_end does not help here: {_UNLIKE}")
         selector = one.model.selector_
         notes += [
             f"{where}no set of the group of {name} is free of collinearity (VIF {vif:.4g}); components bear it"
