@@ -270,8 +270,8 @@ class _Work:
             # With less beside it that noise leaves something clear: it is none.
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
             judgement, after, hypothesis, in_turn = concluded
-        unknown = judgement.verdict == "unknown" and judgement.causes
-        covariances = diagnoser.covariances(hypothesis, after if unknown else None)
+        unknown = judgement.verdict == "unknown" and bool(judgement.causes)
+        covariances = diagnoser.covariances(hypothesis, after, unexplained=unknown)
         parameters = diagnoser.parameters_of(hypothesis, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone

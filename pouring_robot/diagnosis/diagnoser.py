@@ -253,14 +253,20 @@ class Diagnoser:
                 found[group.key][:, own] = form.told(self.fitted) @ units if form.told else units
         return found
 
-    def covariances(self, hypothesis: Hypothesis, unexplained: State | None) -> tuple[FloatArray, ...]:
+    def covariances(
+        self, hypothesis: Hypothesis, state: LinearState, *, unexplained: bool = False
+    ) -> tuple[FloatArray, ...]:
         """Return those that tell coefficients of everything fitted, (k, k), of which the larger counts.
 
-        A state that the hypothesis is of, and where it leaves more than noise, adds how far stretches of time scatter
-        the coefficients (:mod:`pouring_robot.estimation.jackknife`).
+        At the state that the hypothesis is of. Where it leaves more than noise, that adds how far stretches of time
+        scatter the coefficients (:mod:`pouring_robot.estimation.jackknife`). In each is what the coefficients would be
+        off by where the frames stand elsewhere along directions that nothing tells.
         """
         own = hypothesis.coefficients()[1]
-        return (own, self._scattered(hypothesis, unexplained)) if unexplained else (own,)
+        told = (own, self._scattered(hypothesis, state)) if unexplained else (own,)
+        seen = [(group.columns[:] * by).T for group, by in zip(hypothesis.fitted, hypothesis.weights(), strict=True)]
+        off = own @ (np.vstack(seen) @ state.linear.held) if seen else own
+        return tuple(covariance + off @ off.T for covariance in told)
 
     def _scattered(self, hypothesis: Hypothesis, state: State) -> FloatArray:
         """Return the covariance of the coefficients of everything fitted by stretches of time, (k, k)."""

@@ -123,6 +123,14 @@ class LinearRows(WhitenedRows):
         """Columns of the frames along the directions that are free, (m, r)."""
         return self.frame_columns @ self.told
 
+    @property
+    def held(self) -> FloatArray:
+        """Columns of the frames along the others, (m, 12 + 6 s), by what is known from the start of them.
+
+        They move what is seen only as far as the base turns from row to row.
+        """
+        return FRAME_STD * (self.frame_columns - self.free @ self.told.T)
+
     def frame_step(self, left: FloatArray) -> FloatArray:
         """Return the least-squares step of the frames for what is left of the rows (m,), (12 + 6 s,), in m and rad.
 

@@ -1,8 +1,11 @@
 """Which directions of the two frames a campaign leaves free: those that it tells, not those that it hardly sees."""
 
 import numpy as np
+import pandas
 import pytest
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import told_directions
 from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES
@@ -49,3 +52,38 @@ def test_what_only_a_moving_base_tells_of_the_target_stays_as_it_was(tmp_path):
     moved = found.after.frames.T_end_target.translation - found.before.frames.T_end_target.translation
     assert np.linalg.norm(moved) < 0.01
     assert found.held_out.position("after") < 1.3 * found.held_out.position("floor")
+
+
+TOP_M = np.array([[-0.34, 0.374, 0.0], [-0.34, -0.374, 0.0], [0.34, 0.374, 0.0], [0.34, -0.374, 0.0]])
+BELOW_M = np.array([[-0.1825, 0.33, 0.0], [-0.1825, -0.33, 0.0], [0.1825, 0.33, 0.0], [0.1825, -0.33, 0.0]])
+SIDE_M, TILTS, SINKS = 0.15, 0.6e-3, 0.4e-3
+
+
+def test_how_far_a_turning_base_sinks_is_known_as_well_as_where_the_target_sits():
+    """A base that rolls by w while it sinks by z moves a target that sits d to the side by z + w d.
+
+    The platform tilts about y alone, so that nothing tells d: closed form, with the drawing of docs/mechanism.md.
+    """
+    rng, rows = np.random.default_rng(100), 120
+    time_s = np.linspace(0.0, 14400.0, rows)
+    table = []
+    for passed in time_s / 14400.0 - 0.5:
+        *place, tilt = rng.uniform([-0.15, -0.05, -0.825, -0.4], [-0.05, 0.05, -0.425, 1.0])
+        turned = Rotation.from_euler("y", tilt)
+        legs = place + turned.apply(BELOW_M) - TOP_M
+        lengths = np.linalg.norm(legs, axis=1)[:3]
+        theta46 = tilt - np.arctan2(-legs[3, 0], -legs[3, 2])
+        base = Rotation.from_rotvec([TILTS * passed, 0.0, 0.0])
+        seen = base.apply(place + turned.apply([0.1, SIDE_M, -0.05])) + np.array([0.0, 0.0, SINKS * passed])
+        attitude = (base * turned * Rotation.from_rotvec(rng.normal(0.0, 3e-5, 3))).as_rotvec()
+        table.append([*(1e3 * lengths), theta46, *(1e3 * (seen + rng.normal(0.0, 3e-5, 3))), *attitude])
+    columns = ["q1_mm", "q2_mm", "q3_mm", "q4_rad", "x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"]
+    noise = {"metrology": {"sigma_position_mm": 0.03, "sigma_rotation_rad": 3e-5}}
+    found = diagnose(Campaign.from_frame(pandas.DataFrame(table, columns=columns).assign(time_s=time_s), noise))
+    (drift,) = found.effects
+    known = {one.parameter.name: one for one in drift.parameters}
+    assert known["rx"].value == pytest.approx(1e3 * TILTS, abs=0.04)
+    assert known["rx"].std < 0.02
+    # Of what nothing tells 0.1 m is known, shared by tracker and target.
+    assert abs(known["tz"].value - 1e3 * SINKS) < 3.0 * known["tz"].std
+    assert known["tz"].std == pytest.approx(np.hypot(0.011, 0.6 * 100.0 / 2**0.5 * 1e-3), rel=0.2)
