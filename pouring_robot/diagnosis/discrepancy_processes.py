@@ -1,6 +1,6 @@
 """Gaussian processes of the discrepancy: each place of a robot that something unknown may move, by each condition.
 
-What moves is the measured body, the base, the target, the drives, or joints; conditions are the pose, time and order,
+What moves is the measured body, the base, the drives, joints, or the target; conditions are the pose, time and order,
 sessions, the load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how
 fast anything varies with it, the data say.
 """
@@ -32,7 +32,7 @@ _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is 
 DRIVES, SEEN, TARGET = "drives", "readings", "target"
 CONSTANT = "a constant"
 CYCLES = "time, in cycles"
-SIDE = "side of approach"
+SIDE, SESSION = "side of approach", "session"
 OTHERS = "other drives"
 _MOST_BY_CHANCE = 600
 PoseLengths = dict[str, tuple[float, int]]
@@ -109,7 +109,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
         *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose, *_of_cycles(given))),
         *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
         *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
-        *(_moved(TARGET, by, target, lengths) for by, lengths in alone),
+        *(_moved(TARGET, by, target, lengths) for by, lengths in alone if by == SESSION),  # mounted anew, or slipped
         *_of_own_value(places),
         *_of_other_drives(places),
         by_chance_at(DRIVES, places.drives, len(given)),
@@ -197,7 +197,7 @@ def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
         yield "time", wandering(given.time_s)
     yield "order", wandering(np.arange(len(given), dtype=float))
     if given.session.max() > 0:
-        yield "session", separate(given.session)
+        yield SESSION, separate(given.session)
     for by, values in _changing(given, (f"{name}_m" for name in given.travels)).items():
         yield by, wandering(values)
     for by, values in _changing(given, numbers(given)).items():

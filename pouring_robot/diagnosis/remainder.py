@@ -54,7 +54,7 @@ class Remainder:
     @property
     def slipped(self) -> bool:
         """Whether it is the target that sits elsewhere than before."""
-        return self.structure.process.where == TARGET and self.structure.process.by in _IN_TIME
+        return self.structure.process.where == TARGET
 
     @property
     def sentence(self) -> str:
