@@ -19,11 +19,19 @@ from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import _signatures, evidence_steps, plots, rival_margins
-from pouring_robot.diagnosis.report.scene import _scene, campaign_scene, ladle_scene, seen_states
+from pouring_robot.diagnosis.report.scene import (
+    _MEASURED_TINT,
+    _STATE_TINTS,
+    _scene,
+    campaign_scene,
+    ladle_scene,
+    seen_states,
+)
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io import interrupt
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
+from pouring_robot.viewer.scene import ARROW_RED
 from tests.diagnosis.hidden import STEP_M
 
 NAMES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"}
@@ -183,6 +191,17 @@ def test_the_gap_is_drawn_from_where_the_ladle_was_measured(hot):
         np.linalg.norm(every["drawing"].vectors_m, axis=-1)
     )
     assert not [body for body in solids(scene) if body.link == "truss_bridge"]
+
+
+def test_arrows_and_states_are_seen_on_what_was_measured():
+    """Without colours, too: WCAG 2 asks for a contrast of 3 between the parts of a picture."""
+
+    def luminance(colour):
+        linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    bright = luminance(_MEASURED_TINT) + 0.05
+    assert all(bright / (luminance(tint) + 0.05) >= 3.0 for tint in (ARROW_RED, *_STATE_TINTS.values()))
 
 
 def test_a_model_given_is_a_state_of_its_own(hot):
