@@ -81,6 +81,7 @@ def test_the_page_says_what_the_figures_say(one_at_a_time, tmp_path):
     outcome, _ = one_at_a_time
     page = html.unescape(html_report(outcome, study_figure(outcome), {"all figures": "summary.json"}))
     assert outcome.headline in page and 'href="summary.json"' in page
+    assert "RMS over the errors alone" in page and "robots" not in page
     assert page.count('<td class="l">') >= len(outcome.ranking) and "SHA-256" in page
     assert [page.count(f'<tr><td class="l">{p.name}</td>') for p in outcome.ranking] == [1] * len(outcome.ranking)
 

@@ -194,7 +194,8 @@ def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str
     """Return the report, with what :func:`study_figure` has drawn, as one page without any outside file."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
-    where = f"How far {frame} is {plan.off}, RMS over the robots: slices of the workspace, the worst attitude there"
+    over = f"RMS over the {_robots(plan)}"
+    where = f"How far {frame} is {plan.off}, {over}: slices of the workspace, the worst attitude there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
