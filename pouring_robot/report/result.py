@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from pouring_robot.exceptions import counted
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -39,6 +41,6 @@ class Result(ABC):
     def _repr_html_(self) -> str:
         """Return the headline and the first rows of the table, for notebooks."""
         frame = self.to_frame()
-        more = f"<p>{len(frame) - _SHOWN_ROWS} more rows</p>" if len(frame) > _SHOWN_ROWS else ""
+        more = f"<p>{counted(len(frame) - _SHOWN_ROWS, 'more row')}</p>" if len(frame) > _SHOWN_ROWS else ""
         some = frame.head(_SHOWN_ROWS).to_html(index=False, border=0, float_format=lambda value: f"{value:.6g}")
         return f"<p><strong>{escape(self.headline)}</strong></p>{some if len(frame) else ''}{more}"

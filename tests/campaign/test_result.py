@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ def test_a_campaign_is_read_shown_and_saved(real, tmp_path):
     assert beside.is_file()
     assert repr(campaign) == f"<Campaign: {len(campaign)} full poses in 1 session, c.csv>"
     assert campaign.headline in campaign._repr_html_()
+    more = [re.findall("<p>([^<]* more rows?)<", campaign.subset(np.arange(k))._repr_html_()) for k in (12, 13, 14)]
+    assert more == [[], ["1 more row"], ["2 more rows"]]
     assert len(campaign.to_frame()) == len(campaign)
     position = np.array(campaign.position_m)
     position[3, 0] = position[5] = np.nan

@@ -358,6 +358,15 @@ def test_no_figure_is_minus_zero(run):
     assert not [cell for cell in cells if re.fullmatch(r"-0\.0*", cell)]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_no_mean_of_a_regression_is_minus_zero(run, tmp_path, sign):
+    rows = [[melt, *(sign * k * (melt - 20) / 7000 for k in (1, 2, 4, 5))] for melt in range(1500, 1720, 20)]
+    lines = [",".join(map(str, row)) for row in [["melt_degC", "P1_mm", "P2_mm", "P3_mm", "P4_mm"], *rows]]
+    (tmp_path / "sets.csv").write_text("\n".join(lines))
+    code, out, _ = run("regress", str(tmp_path / "sets.csv"), "--axis", "x")
+    assert code == 0 and not [cell for cell in out.split() if re.fullmatch(r"-0\.0*", cell)]
+
+
 def test_compensate_says_that_the_cold_drawing_needs_none(run):
     code, out, _ = run("compensate", *AT)
     assert code == 0 and "needs no compensation" in out

@@ -312,7 +312,7 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
     for method, remains in one.unseen.items():
         figures = (one.fitted[method].rms, remains.rms, remains.mean, remains.spread)
         mark = "in the file" if method == one.method else ""
-        left.append((one.words(method), *(f"{value * 1e3:.4f}" for value in figures), mark))
+        left.append((one.words(method), *(f"{value * 1e3:z.4f}" for value in figures), mark))
     return [
         Heading(f"direction {direction}" if direction else "errors"),
         Lines([f"groups {parts} for λ above {low:.7f}, up to {high:.7f}"]),
