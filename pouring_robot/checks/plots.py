@@ -18,7 +18,7 @@ from pouring_robot.robot.pouring.layout_schema import Layout
 
 # Vermilion is kept for what is wrong.
 _COLOURS = (plots.BLUE, plots.ORANGE, plots.GREEN, plots.PURPLE, plots.SKY, "#8C6D1F", "#000000")
-_MOST_SESSIONS = 12
+_LETTERS = 130  # that stand beside each other under the picture
 
 
 @own_look()
@@ -51,15 +51,16 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
             draw_box(sights_of[key], limits[across], limits[up])
     _misfit(sights_of["M"], campaign, found, wrong)
     handles, labels = sights_of["X"].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    columns = min(6, _LETTERS // (8 + max(map(len, labels))))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     figure.suptitle(f"{campaign.path.name}: {len(campaign)} {campaign.seen}, as commanded, in the base's frame")
     return write_whole(path, png_of(figure))
 
 
 def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Indices) -> None:
     sessions = list(campaign.rows_by_session().items())
-    shown, rest = sessions[:_MOST_SESSIONS], sessions[_MOST_SESSIONS:]
-    groups = [(f"session {name}"[:24], rows, _COLOURS[k % len(_COLOURS)]) for k, (name, rows) in enumerate(shown)]
+    shown, rest = sessions[: len(_COLOURS)], sessions[len(_COLOURS) :]
+    groups = [(f"session {name}"[:24], rows, colour) for colour, (name, rows) in zip(_COLOURS, shown, strict=False)]
     if rest:
         groups.append(("other sessions", np.sort(np.concatenate([rows for _, rows in rest])), GREY))
     for index, (name, rows, colour) in enumerate(groups):

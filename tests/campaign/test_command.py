@@ -159,6 +159,23 @@ def test_pictures_with_nothing_to_fit(tmp_path, capsys):
     assert (tmp_path / "c.png").stat().st_size > 0
 
 
+def test_every_session_of_a_picture_has_its_colour_and_a_name_within_it(tmp_path, monkeypatch):
+    assert simulate(tmp_path) == 0
+    table, seen = pd.read_csv(tmp_path / "c.csv"), []
+    table["session"] = [f"{chr(65 + k % 9)} shift with a long name" for k in range(len(table))]
+    table.to_csv(tmp_path / "c.csv", index=False)
+    monkeypatch.setattr(plots, "png_of", lambda figure: seen.append(figure) or b"")
+    main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")])
+    (figure,) = seen
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    frame = legend.get_window_extent()
+    assert figure.bbox.x0 <= frame.x0 and frame.x1 <= figure.bbox.x1
+    colours = [tuple(handle.get_facecolor()[0]) for handle in legend.legend_handles if hasattr(handle, "get_offsets")]
+    assert len(set(colours)) == len(colours) >= 8
+    assert "other sessions" in [text.get_text() for text in legend.get_texts()]
+
+
 def test_a_picture_names_what_was_measured(tmp_path, capsys, monkeypatch):
     """Lines alone tell no place, and then there is nothing that a frame could be fitted to."""
     machine, words = ROOT / "examples/machines/hangprinter", []
