@@ -87,7 +87,9 @@ def _correlation(calibration: CalibrationFindings) -> str:
     if len(names) <= _MOST_NAMES:
         axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
         axes.set_yticks(range(len(names)), names, fontsize=5)
-    figure.colorbar(image, ax=axes, shrink=0.8)
+    else:
+        axes.set_xlabel("parameter of calibration.json, the first is 0")
+    figure.colorbar(image, ax=axes, shrink=0.8, label="correlation")
     return svg_of(figure)
 
 

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import numpy as np
 
+from pouring_robot.calibration import plots as drawing
 from pouring_robot.calibration.plots import plots
 from pouring_robot.estimation.noise import Noise, NoiseLevel
 
@@ -21,6 +22,14 @@ def test_four_pictures_of_a_calibrated_robot(found):
     drawn = plots(found)
     assert [title.split(" ")[0] for title, _ in drawn] == ["Error", "Parameters", "How", "Correlation"]
     assert all(marks(svg) > 30 for _, svg in drawn)
+
+
+def test_numbers_of_parameters_say_whose_they_are(found, monkeypatch):
+    """There is no room for more than some names."""
+    said = "parameter of calibration.json, the first is 0"
+    assert said not in plots(found)[-1][1]
+    monkeypatch.setattr(drawing, "_MOST_NAMES", 1)
+    assert said in plots(found)[-1][1]
 
 
 def test_errors_of_lines_alone_are_drawn(found):
