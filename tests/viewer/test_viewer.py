@@ -433,6 +433,26 @@ def test_a_browser_plays_and_tells(tmp_path):
 
 
 @needs_browser
+def test_axes_point_where_the_camera_sees_them(tmp_path):
+    """From each view, against the directions that point to the right and up there."""
+    probe = """
+      const seen = Object.entries(content.cameras).map(([name, { eye, target }]) => {
+        look(name); viewer.controls.update(); viewer.camera.updateMatrixWorld(); place_words();
+        const ends = axes.map(([line]) => line.getAttribute("d").match(/[-+.e\\d]+/g).map(Number).slice(2));
+        return [eye, target, ends]; });
+      const made = document.createElement("pre"); made.id = "probe"; made.textContent = JSON.stringify(seen);
+      document.body.append(made);"""
+    _, dom = _browsed(write_html(film(tmp_path), tmp_path / "film.html").read_text(), tmp_path, probe)
+    seen = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert len(seen) > 2
+    for eye, target, ends in seen:
+        away = np.subtract(eye, target)
+        right = np.cross([0.0, 0.0, 1.0], away) / np.hypot(away[0], away[1])
+        up = np.cross(away, right) / np.linalg.norm(away)
+        np.testing.assert_allclose(np.array(ends) / 10.0, np.column_stack([right, -up]), atol=2e-3)
+
+
+@needs_browser
 def test_between_two_steps_the_figure_is_that_of_the_step_that_is_told(tmp_path):
     """Halfway between 1.41 mm to the left and as much to the right stands no error of nothing."""
     vectors = np.array([[0.0, 0.0, 0.0], [0.0, 1e-3, 1e-3], [0.0, -1e-3, -1e-3], [0.0, 0.0, 0.0]])[:, None]

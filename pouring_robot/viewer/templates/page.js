@@ -206,8 +206,17 @@ function place_arrows(item) {
   });
 }
 
-function place_labels() {  // each stays beside its arrow, wherever the camera goes
-  requestAnimationFrame(place_labels);
+const axes = [...document.querySelectorAll("#axes path")].map(line => [line, line.nextElementSibling]);
+
+function place_words() {  // labels stay beside their arrows, and axes point where they do, wherever the camera goes
+  requestAnimationFrame(place_words);
+  axes.forEach(([line, name], k) => {
+    const { x, y } = new three.Vector3().setComponent(k, 1).transformDirection(root.matrixWorld)
+      .transformDirection(viewer.camera.matrixWorldInverse);
+    line.setAttribute("d", `M0 0L${10 * x} ${-10 * y}`);
+    name.setAttribute("x", 13 * x);
+    name.setAttribute("y", -13 * y);
+  });
   for (const item of arrows) {
     if (item.count > 1) { continue; }
     const [tail, tip] = [item.tail, item.tip].map(end => end.clone().applyMatrix4(root.matrixWorld).project(viewer.camera));
@@ -359,7 +368,7 @@ try {
   }
   look("all");
   show();
-  place_labels();
+  place_words();
 } catch (error) {
   viewer = null;
   notice.textContent = "This page draws with WebGL, which this browser does not offer: " + error.message;
