@@ -19,7 +19,7 @@ from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.smooth_errors import Aligned
 from pouring_robot.checks.stated_noise import check_noise
 from pouring_robot.checks.thermometers import check_thermometers
-from pouring_robot.checks.units_and_axes import Comparison
+from pouring_robot.checks.units_and_axes import Comparison, mistaken_distances
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.given import expect
 from pouring_robot.io.threads import one_blas_thread
@@ -48,7 +48,7 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     campaign = without_copies(campaign)
     frames = FrameChecks(campaign, drawing)
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
-    found += check_thermometers(campaign)
+    found += [*check_thermometers(campaign), *mistaken_distances(campaign, frames.data.poses)]
     if frames.fit is not None:
         aligned = Aligned(campaign, drawing, frames.data, frames.fit)
         found += check_rows(aligned)

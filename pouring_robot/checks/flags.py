@@ -104,6 +104,7 @@ class FlagCode(enum.StrEnum):
     NOT_COMPARED = _warning("not_compared", "measure whole positions, too")
     DRIVE_UNIT = _error("drive_unit", "correct the unit at the end of the column's name")
     POSITION_UNIT = _error("position_unit", "correct the unit at the end of the columns' names")
+    DISTANCE_UNIT = _error("distance_unit", "correct the unit at the end of the column's name")
     ROTATION_UNIT = _error("rotation_unit", "correct the unit at the end of the columns' names")
     FRAMES_SWAPPED = _error("frames_swapped", "exchange base and target in the tracker's export, or invert every pose")
     ROTATION_INVERTED = _error(

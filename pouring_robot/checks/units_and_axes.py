@@ -13,7 +13,7 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.flags import FlagCode
+from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, affine_map
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
@@ -34,6 +34,8 @@ ANGLE_MISTAKES = (
 )
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 LEFT_HANDED = "the axes of the measured positions are left-handed"
+_ALIKE, _OF_A_UNIT = 0.98, 0.2
+"""From which correlation on the drawing tells the unit of distances, and how near to one it says that they are."""
 _TELLING_SPREAD = 1e-2  # below it the affine map says little
 _NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
@@ -197,6 +199,33 @@ def _from_euler(sequence: str, factor: float, angles: FloatArray) -> FloatArray:
 
 
 TURN_MISTAKES = tuple(_turn_mistakes())
+
+
+def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
+    """Find distances from the fixed point that are in another unit, by the poses of the drawing.
+
+    Of a target at t on a body at p, R and a point c it is d² = |p|² + 2 p·Rt - 2 c·(p + Rt) + |t|² + |c|². So whatever
+    t and c are, what the other terms cannot make of |p|² is in d² once, in the square of its unit. Where they make all
+    of it, as of a body that turns about the end of one crank, nothing is told.
+    """
+    if campaign.distance_m is None:
+        return
+    distance = campaign.distance_m[:, 0]
+    rows = poses.complete & (distance > 0.0) & (campaign.distance_start == -1)
+    place, turned, count = poses.position_m[rows], poses.rotation[rows], int(rows.sum())
+    others = np.hstack([np.ones((count, 1)), place, np.einsum("nij,ni->nj", turned, place), turned.reshape(count, 9)])
+    axes, sizes, _ = np.linalg.svd(others, full_matrices=False)
+    axes = axes[:, sizes > 1e-9 * sizes.max(initial=0.0)]
+    if count < 2 * axes.shape[1] or not count:
+        return
+    drawn, seen = (v - axes @ (axes.T @ v) for v in (np.square(place).sum(axis=1), np.square(distance[rows])))
+    together, size = float(drawn @ seen), float(drawn @ drawn)
+    if not together > _ALIKE * math.sqrt(size * float(seen @ seen)):
+        return
+    for factor, wrong in LENGTH_MISTAKES:
+        if abs(factor * math.sqrt(together / size) - 1.0) < _OF_A_UNIT:
+            message = f"column '{campaign.heading(columns.DISTANCE)}' seems to hold {wrong}"
+            yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=[columns.DISTANCE])
 
 
 def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) -> Iterator[Mistake]:

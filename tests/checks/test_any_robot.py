@@ -278,6 +278,20 @@ def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
     assert "noise_too_small" in codes(check_campaign(without, machine.drawing))
 
 
+@pytest.mark.parametrize("machine", ["arm", "delta", "hexapod"], indirect=True)
+@pytest.mark.parametrize(
+    ("factor", "wrong"),
+    [(1.0, ""), (1e-3, "metres under a heading in milli"), (1e3, "millimetres under"), (1.0 / 25.4, "inches under")],
+)
+def test_the_unit_of_distances_is_told_by_how_far_drives_move_the_target(machine, factor, wrong):
+    """The tracker's own origin is the fixed point: how far the target was from it, its places tell."""
+    away = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
+    wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
+    told = check_campaign(damaged(wire, distance_m=factor * away), machine.drawing)
+    found = [flag.message for flag in told if flag.code is FlagCode.DISTANCE_UNIT]
+    assert len(found) == bool(wrong) and all(wrong in message for message in found)
+
+
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
 def test_distances_of_nothing_are_told(machine):
     """Of a draw wire that was set to zero in the first pose."""

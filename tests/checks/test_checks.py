@@ -117,6 +117,9 @@ DAMAGES = {
             c, distance_m=np.linalg.norm(c.position_m, axis=1)[:, None] * (np.arange(len(c)) != 7)[:, None]
         )
     ],
+    "distance_unit": [
+        lambda c: damaged(c, distance_m=1e-3 * np.linalg.norm(c.position_m, axis=1)[:, None]),
+    ],
     "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
     "noise_too_small": [quieter],
     "rounded_drives": [
@@ -230,6 +233,7 @@ DAMAGES = {
 # What follows from the damage besides what is looked for.
 BESIDES = {
     "no_length": {"no_noise_level"},  # of distances none is stated
+    "distance_unit": {"no_noise_level"},
     "time_not_increasing": {"stuck_column"},
     "target_moved": {"outlier"},
     "one_pose": {"no_agreement", "unreachable_pose", "outlier", "too_few_rows"},
