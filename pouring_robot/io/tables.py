@@ -23,6 +23,7 @@ _COMMENT = "; a line that begins with # is no comment here: delete it, or the # 
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
 _DATE = re.compile(r"(?P<year>\d{4})?\d{0,2}(?P<mark>[-/.:])\d{1,2}((?P=mark)\d{1,4}.*)?")
+_WHOLE = re.compile(r"(-?\d+)\.0")  # as pandas writes whole numbers where cells of the column are empty
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 
 
@@ -195,9 +196,9 @@ def separators(headings: Sequence[Any]) -> str:
 def _label(cell: Any) -> str:
     if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
         return ""
-    if isinstance(cell, float) and cell.is_integer():
-        return str(int(cell))
-    return " ".join(str(cell).split())
+    text = " ".join(str(cell).split())
+    whole = _WHOLE.fullmatch(text)
+    return whole[1] if whole else text
 
 
 _Rows = list[tuple[int, list[Any]]]

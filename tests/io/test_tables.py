@@ -84,6 +84,17 @@ def test_words_and_errors_in_excel_cells_are_not_missing_values(tmp_path, monkey
         table.numbers(2, sparse=True)
 
 
+def test_labels_that_pandas_made_floats_of_are_those_they_were(tmp_path):
+    """Of whole numbers and empty cells pandas makes floats, and writes 0.0 for 0."""
+    path = tmp_path / "t.csv"
+    pd.DataFrame({"sample": [0, 1, 20], "distance_from": [None, 0, 1]}).to_csv(path, index=False)
+    assert path.read_text().splitlines()[2] == "1,0.0"
+    table = read_table(path, "sample")
+    assert table.labels(0) == ("0", "1", "20") and table.labels(1) == ("", "0", "1")
+    path.write_text("sample,b\n1.05,v2.0\n")
+    assert [read_table(path, "sample").labels(k) for k in (0, 1)] == [("1.05",), ("v2.0",)]
+
+
 def test_an_excel_file_of_several_sheets_is_refused_and_of_none_is_empty(tmp_path, monkeypatch):
     excel(monkeypatch, readme=[["about"]], one=[["x_mm"], [1]], blank=[])
     with pytest.raises(TableError, match=r"has the sheets 'readme', 'one'; keep the one with the table, or save"):
