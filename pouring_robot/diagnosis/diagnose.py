@@ -309,6 +309,8 @@ class _Work:
         )
         # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
         why = (diagnosis.refused if judgement.names else "") or unsettled
+        if in_turn and not why:
+            why = in_turn.refuted(judgement.causes)
         if not why:
             return diagnosis
         told = misfit if judgement.verdict == "unknown" else why

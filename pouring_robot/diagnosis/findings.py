@@ -63,7 +63,8 @@ class Findings:
     @property
     def overfitted(self) -> bool:
         """Whether what was fitted takes the model further from the held-out rows."""
-        return self.held_out is not None and self.held_out.worse
+        gaps = self.held_out, self.in_turn.gap if self.in_turn else None
+        return any(gap is not None and gap.worse for gap in gaps)
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:

@@ -13,6 +13,8 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 _WORSE = 1.05
 """A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
 
+_NOISE, _HALF = 1.5, 0.5  # times the noise, below which what is left may be noise; share of the gap
+
 
 def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
     """Return what is whitened, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
@@ -77,8 +79,19 @@ class Gap:
     @property
     def worse(self) -> bool:
         """Whether the amended model misses more than the given one: all values together, each over its noise."""
-        before, after = (rms(np.repeat(size / self.floor, self.counts)) for size in (self.before, self.after))
+        before, after = self._in_noise
         return after > _WORSE * before
+
+    @property
+    def kept(self) -> bool:
+        """Whether more than half of the gap is left, and more than noise: all values together, each over its noise."""
+        before, after = self._in_noise
+        return after > _NOISE and after - 1.0 > _HALF * (before - 1.0)
+
+    @property
+    def _in_noise(self) -> tuple[float, float]:
+        before, after = (rms(np.repeat(size / self.floor, self.counts)) for size in (self.before, self.after))
+        return before, after
 
     def figures(self) -> dict[str, Any]:
         """Return the gap's metrics, in mm and mrad, and each component's."""

@@ -5,6 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.robot.description.definition import RobotDefinition
+from tests.examples.campaigns import ROBOTS, write
+from tests.examples.machines import MACHINES
 from tests.rig import Wanted, make_campaign, write_case
 
 NOTHING: tuple[Wanted, ...] = ()
@@ -30,3 +34,15 @@ def stepped(folder):
     moved = np.array(data.position_m)
     moved[np.asarray(data.lines) > 41, 2] += STEP_M
     return replace(data, position_m=moved)
+
+
+def distances_of_an_arm(folder, effect, ratio=None):
+    """Return how far the tool of the example arm, with something hidden in it, is from a fixed point."""
+    write(folder, MACHINES["arm"], 1, effect, ratio)
+    seen = Campaign.read(folder / "campaign.csv", RobotDefinition.load(ROBOTS / "arm" / "robot.yaml"))
+    metadata = CampaignMetadata(
+        robot="arm", sigma_distance_m=seen.metadata.sigma_position_m, reference_temperature_degC=20.0
+    )
+    distance = np.linalg.norm(seen.position_m, axis=1)[:, None]
+    nowhere = np.full_like(seen.position_m, np.nan)
+    return replace(seen, metadata=metadata, position_m=nowhere, rotation_vector_rad=None, distance_m=distance)

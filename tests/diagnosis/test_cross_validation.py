@@ -1,14 +1,17 @@
 """Blocks held out in turn, of a line through points: against fits by hand, and the standard error against scatter."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.cross_validation import few, held_out_in_turn
+from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
+from tests.diagnosis.hidden import distances_of_an_arm
 
 ROWS, SIGMA, SLOPE = 30, 1e-3, 40.0
 BLOCKS = np.array_split(np.arange(ROWS), 5)
@@ -87,3 +90,13 @@ def test_few_is_what_tells_an_error_to_less_than_a_tenth(held_out, expected):
     linear = SimpleNamespace(row=np.arange(100))
     assert few(linear, fitted) == expected
     assert not expected or 1.0 / np.sqrt(2.0 * held_out) > 0.1
+
+
+def test_what_foretells_no_row_is_not_named(tmp_path):
+    """Forty distances of an arm, off by up to 1 mm as no joint makes it: waves of all joints take up any of them."""
+    data = distances_of_an_arm(tmp_path, "null")
+    first, second = data.drives[:, 0], data.drives[:, 1]
+    off = 1e-3 * np.sin(3.0 * first) * np.sin(3.0 * second)
+    found = diagnose(replace(data, distance_m=data.distance_m + off[:, None]).subset(np.arange(40)))
+    assert found.verdict == "unknown"
+    assert "blocks held out in turn keep more than half of their gap" in found.headline

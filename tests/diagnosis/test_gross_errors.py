@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.checks.flags import wrong_rows
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.estimation.splits import split
-from pouring_robot.robot.description.definition import RobotDefinition
-from tests.diagnosis.hidden import campaign, stepped
-from tests.examples.campaigns import ROBOTS, write
-from tests.examples.machines import MACHINES
+from tests.diagnosis.hidden import campaign, distances_of_an_arm, stepped
 from tests.rig import Wanted
 
 ROW, OFF_M = 20, 10e-3
@@ -75,14 +70,10 @@ def test_rows_that_are_held_out_are_asked_like_all_others(tmp_path, rows):
 
 def test_what_takes_up_any_row_is_no_reason_to_believe_a_wrong_one(tmp_path):
     """Eighty distances of an arm, and waves of all its joints: with one of them off they leave nothing of any row."""
-    write(tmp_path, MACHINES["arm"], 1, "lost_motion", ratio=8.0)
-    data = Campaign.read(tmp_path / "campaign.csv", RobotDefinition.load(ROBOTS / "arm" / "robot.yaml"))
-    distance = np.linalg.norm(data.position_m, axis=1)[:, None]
+    data = distances_of_an_arm(tmp_path, "lost_motion", ratio=8.0)
+    distance = np.array(data.distance_m)
     distance[ROW] += 0.5 * OFF_M
-    sigma = data.metadata.sigma_position_m
-    metadata = CampaignMetadata(robot="arm", sigma_distance_m=sigma, reference_temperature_degC=20.0)
-    unseen = {"position_m": np.full((len(data), 3), np.nan), "rotation_vector_rad": None, "metadata": metadata}
-    found = diagnose(replace(data, distance_m=distance, **unseen).subset(np.arange(80)))
+    found = diagnose(replace(data, distance_m=distance).subset(np.arange(80)))
     assert (found.verdict, [e.cause.effect for e in found.firm]) == ("named", ["drive_backlash"])
     assert found.left_out.tolist() == [ROW]
 
