@@ -130,8 +130,8 @@ class Effect(ABC):
         """
         return ()
 
-    def untold(self, conditions: Conditions) -> Mapping[str, int]:
-        """Return in how many rows it is taken as none because the campaign that taught it did not reach there.
+    def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
+        """Return in how many rows a form is taken as none because the campaign that taught it did not reach there.
 
         By part, in words; by default what was learned holds everywhere.
         """

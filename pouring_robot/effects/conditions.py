@@ -176,8 +176,8 @@ class Conditions:
     def learned_share(self, drive: Drive, shortest_rad: float) -> FloatArray:
         """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
 
-        Beyond the arcs of a turn that these lie in, and between two that are far apart, they fade out over a quarter of
-        the shortest: samples tell a wave if they lie no further apart than half of it (Shannon 1949).
+        Beyond the arcs of a turn that these lie in, and between two that are further apart than half of the shortest,
+        they fade out over a quarter of it: samples no further apart than half of a wave tell it (Shannon 1949).
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:
@@ -185,7 +185,7 @@ class Conditions:
         angles, (first, last) = self.drives[:, self.places((drive,))], np.array(arcs).T
         behind = ((angles - first) % _TURN - (last - first)).min(axis=1)
         ahead = ((first - angles) % _TURN).min(axis=1)
-        within = (behind <= 0.0) | (behind + ahead <= _ARC_GAP)
+        within = (behind <= 0.0) | (behind + ahead <= max(_ARC_GAP, 0.5 * shortest_rad))
         apart = np.where(within, 0.0, np.minimum(behind, ahead))
         return np.asarray(np.maximum(1.0 - apart / (0.25 * shortest_rad), 0.0))
 

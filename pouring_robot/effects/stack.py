@@ -72,7 +72,7 @@ def stack_of(
             lacking.append(problem)
             continue
         values += [parameter.value for parameter in entry.parameters.values()]
-        for part, count in effect.untold(rows).items():
+        for part, count in effect.untold(rows, entry.form).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
             untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
     if lacking:

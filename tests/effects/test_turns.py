@@ -33,13 +33,13 @@ def seen_by(model, angles):
     return np.array(offsets), under.notes
 
 
-def taught(seen_rad, order=1):
+def taught(seen_rad, order=1, form="turns"):
     """Return the arm with one wave of joint 1, learned at angles that lie in arcs."""
     learned = LearnedCampaign(
         seen_rad=seen_rad, sessions={"1": 9}, mean_span_m=[0.0] * 6, reference_temperature_degC=20.0
     )
     wave = {f"{JOINT.symbol}_sine_{order}": ParameterEntry(value=SINE / 1e-3, unit="mrad")}
-    entry = EffectEntry(effect="joint_periodic", form="turns", learned="then", parameters=wave)
+    entry = EffectEntry(effect="joint_periodic", form=form, learned="then", parameters=wave)
     return ARM.model_copy(update={"effects": [entry], "learned": {"then": learned}})
 
 
@@ -98,6 +98,18 @@ def test_a_wave_is_whole_where_it_was_seen_and_fades_over_a_quarter_of_the_short
     share = np.maximum(1.0 - beyond / (SHORTEST / 4.0), 0.0)
     assert 0 < np.count_nonzero((share > 0.0) & (share < 1.0)) < np.count_nonzero(share == 1.0)
     np.testing.assert_allclose(offsets, SINE * np.sin(angles) * share, rtol=0.0, atol=1e-12)
+
+
+def test_a_disc_off_its_centre_is_known_farther_than_waves_of_every_order(rng):
+    """Once a turn, and oval, its shortest wave is half a turn: whole in gaps of half of that, gone a quarter beyond."""
+    angles = rng.uniform(-3.0, 3.0, 60)
+    seen = [(-0.8, 0.3), (0.3 + 0.249 * TURN, 2.0)]
+    offsets, notes = seen_by(taught({JOINT.joint: seen}, form=f"{JOINT.symbol}_once"), angles)
+    beyond = np.maximum(np.maximum(angles - 2.0, -0.8 - angles), 0.0)
+    share = np.maximum(1.0 - beyond / (TURN / 8.0), 0.0)
+    assert 0 < np.count_nonzero((share > 0.0) & (share < 1.0)) < np.count_nonzero(share == 1.0)
+    np.testing.assert_allclose(offsets, SINE * np.sin(angles) * share, rtol=0.0, atol=1e-12)
+    assert f"{np.count_nonzero(share == 0.0)} of 60 rows" in "".join(notes)
 
 
 def test_where_it_is_taken_as_none_is_said():

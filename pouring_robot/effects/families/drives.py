@@ -4,7 +4,7 @@ import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +21,7 @@ _GEAR = 10.0
 """In mrad/rad, of a ratio and of what is coupled by gears: a tooth of a hundred, as a strain-wave gear of 100 turns 101
 to one on its other spline."""
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
+_ONCE, _OVAL = "_once", 2  # a form of one joint, up to this order
 
 _PRESSED = "pressed_from_"
 _PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
@@ -198,14 +199,16 @@ class Periodic(Family):
         else:
             self.needs = ("screw_pitch_m",)
 
-    def _learned(self, conditions: Conditions) -> list[FloatArray]:
+    def _learned(self, conditions: Conditions, drives: Sequence[Drive], orders: int) -> list[FloatArray]:
         if not self.of_turn:
-            return [np.ones(len(conditions)) for _ in self.drives]
-        return [conditions.learned_share(drive, 2.0 * np.pi / len(self.sizes)) for drive in self.drives]
+            return [np.ones(len(conditions)) for _ in drives]
+        return [conditions.learned_share(drive, 2.0 * np.pi / orders) for drive in drives]
 
-    def untold(self, conditions: Conditions) -> Mapping[str, int]:
+    def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
         """Of waves of a joint's turn: rows at angles far from all that were seen."""
-        learned = zip(self.drives, self._learned(conditions), strict=True)
+        alone = [drive for drive in self.drives if form == drive.symbol + _ONCE]
+        drives, orders = (alone, _OVAL) if alone else (self.drives, len(self.sizes))
+        learned = zip(drives, self._learned(conditions, drives, orders), strict=True)
         counts = {drive.words: int((known == 0.0).sum()) for drive, known in learned}
         return {words: count for words, count in counts.items() if count}
 
@@ -235,13 +238,17 @@ class Periodic(Family):
         columns = conditions.places(self.drives)
         values = conditions.drives[:, columns].T
         phases = [d.turned(value, conditions.screw_pitch_m) for d, value in zip(self.drives, values, strict=True)]
-        learned = self._learned(conditions)
-        parameters = [
-            of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)
-            for order, size in enumerate(self.sizes, 1)
-            for d, phase, known in zip(self.drives, phases, learned, strict=True)
-            for name, wave in _WAVES
-        ]
+
+        def waves(orders: int, main: int) -> list[EffectParameter]:
+            learned = self._learned(conditions, self.drives, orders)
+            return [
+                of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=order <= main)
+                for order, size in enumerate(self.sizes[:orders], 1)
+                for d, phase, known in zip(self.drives, phases, learned, strict=True)
+                for name, wave in _WAVES
+            ]
+
+        parameters = waves(len(self.sizes), len(self.sizes) if self.all_main else 1)
         if not self.of_turn:  # a bent screw wobbles more the farther its nut is from the bearings
             usual = conditions.mean_span_m[columns]
             along = conditions.spans[:, columns] / np.where(usual == 0.0, 1.0, usual) - 1.0
@@ -252,9 +259,10 @@ class Periodic(Family):
             ]
         forms = [Form("turns", tuple(parameters), series=self.all_main)]
         if self.all_main:
+            once = waves(_OVAL, 1)
             for k, drive in enumerate(self.drives):
-                first, oval = (parameters[2 * j :][:2] for j in (k, k + len(self.drives)))
-                forms.append(Form(f"{drive.symbol}_once", (*first, *(replace(one, main=False) for one in oval))))
+                first, oval = (once[2 * j :][:2] for j in (k, k + len(self.drives)))
+                forms.append(Form(drive.symbol + _ONCE, (*first, *oval)))
         return tuple(forms)
 
 
