@@ -84,9 +84,9 @@ class Gap:
 
     @property
     def kept(self) -> bool:
-        """Whether more than half of the gap is left, and more than noise: all values together, each over its noise."""
+        """Whether more than half of the gap, in squares, is left, and more than noise: all values over their noise."""
         before, after = self._in_noise
-        return after > _NOISE and after - 1.0 > _HALF * (before - 1.0)
+        return after > _NOISE and after**2 - 1.0 > _HALF * (before**2 - 1.0)
 
     @property
     def _in_noise(self) -> tuple[float, float]:

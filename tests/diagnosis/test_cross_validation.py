@@ -8,6 +8,7 @@ import pytest
 
 from pouring_robot.diagnosis.cross_validation import few, held_out_in_turn
 from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.inference.problem import Explanation, Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
@@ -100,3 +101,13 @@ def test_what_foretells_no_row_is_not_named(tmp_path):
     found = diagnose(replace(data, distance_m=data.distance_m + off[:, None]).subset(np.arange(40)))
     assert found.verdict == "unknown"
     assert "blocks held out in turn keep more than half of their gap" in found.headline
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kept"),
+    # squares less one: 3.93 and 1.62, 12.8 and 7.9; of 1.48 times the noise nobody knows; worse than before
+    [(2.22, 1.62, False), (3.72, 2.98, True), (1.56, 1.48, False), (2.0, 2.5, True)],
+)
+def test_half_of_the_gap_is_of_squares_less_the_noise(before, after, kept):
+    one = np.ones(3)
+    assert Gap(9, before * one, after * one, one, np.full(3, 9)).kept is kept
