@@ -8,7 +8,7 @@ jackknife's over blocks, so what the rows of a block share counts once.
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,9 +38,10 @@ class InTurn:
     agreed: int  # of how many blocks the others name what all fitted rows name
     found: Mapping[str, int]  # of how many the others find each effect among it
 
-    def refuted(self, causes: Iterable[Cause]) -> str:
-        """Return that causes hardly foretell rows they have not seen; "" where they do, or are workmanship."""
-        if not self.gap.kept or not any(cause.indices for cause in causes):
+    @property
+    def refuted(self) -> str:
+        """That what was found hardly foretells rows it has not seen, in words; "" where it does."""
+        if not self.gap.kept:
             return ""
         said = "foretold by the others, blocks held out in turn keep more than half of their gap"
         return f"{said}: what was found takes up the rows that it was fitted to"

@@ -309,8 +309,9 @@ class _Work:
         )
         # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
         why = (diagnosis.refused if judgement.names else "") or unsettled
-        if in_turn and not why:
-            why = in_turn.refuted(judgement.causes)
+        causes = [self.effects[cause.effect] for cause in judgement.causes if cause.indices]  # without workmanship
+        if in_turn and causes and not why and not any(cause.passes for cause in causes):  # which nothing foretells
+            why = in_turn.refuted
         if not why:
             return diagnosis
         told = misfit if judgement.verdict == "unknown" else why
