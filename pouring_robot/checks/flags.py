@@ -105,6 +105,7 @@ class FlagCode(enum.StrEnum):
     DRIVE_UNIT = _error("drive_unit", "correct the unit at the end of the column's name")
     POSITION_UNIT = _error("position_unit", "correct the unit at the end of the columns' names")
     DISTANCE_UNIT = _error("distance_unit", "correct the unit at the end of the column's name")
+    DISTANCE_ZERO = _warning("distance_zero", "add to all what the device takes for nothing, as a draw wire's zero")
     ROTATION_UNIT = _error("rotation_unit", "correct the unit at the end of the columns' names")
     FRAMES_SWAPPED = _error("frames_swapped", "exchange base and target in the tracker's export, or invert every pose")
     ROTATION_INVERTED = _error(

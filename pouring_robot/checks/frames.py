@@ -19,6 +19,8 @@ from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged, where
 from pouring_robot.checks.units_and_axes import (
     DRIVE_MISTAKES,
+    GAIN,
+    HOPELESS_M,
     LEFT_HANDED,
     TURN_MISTAKES,
     Comparison,
@@ -39,12 +41,12 @@ from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""
-_HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05  # misfits above these no robot's errors explain
+_HOPELESS_RAD = 0.05  # see HOPELESS_M
 _HOPELESS_SHARE = 0.02  # of the spread of the measured positions: large robots may be off by more
 _ROUGH = "if the robot is so far off, as a wrist that ropes drive, all is well; else check the rows and the drawing"
 _LIMITS = "if the robot stood there, correct the limits in the URDF; else check the drives' columns and units"
 _SUSPECT_SIGMAS = 20.0
-_GAIN, _EQUAL = 0.2, 1.5
+_EQUAL = 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
 _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
@@ -107,7 +109,7 @@ def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit 
     for session, members in told.items():
         own = everything[members].fit(1.0)
         away = robust_sigma(shared.position_residual_m[members])
-        sizes, hopeless = [(away, own.position_scale_m, _SUSPECT_M, MM, "mm")], away > _HOPELESS_M
+        sizes, hopeless = [(away, own.position_scale_m, _SUSPECT_M, MM, "mm")], away > HOPELESS_M
         if shared.rotation_residual_rad is not None and own.rotation_scale_rad is not None:
             turned = robust_sigma(shared.rotation_residual_rad[members])
             sizes.append((turned, own.rotation_scale_rad, _SUSPECT_TURN_RAD, MRAD, "mrad"))
@@ -276,18 +278,18 @@ class FrameChecks:
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
                 break
             before = fit.position_scale_m / self.data.size_m
-            mistake = self._likeliest((_EQUAL if self.data.stretched else _GAIN) * before)
+            mistake = self._likeliest((_EQUAL if self.data.stretched else GAIN) * before)
             if mistake is None or (undone := mistake.undo(self.data)) is None:
                 break
             after = undone.fit(1.0, rotations=False)
-            gain = _EQUAL if self.data.stretched and not undone.stretched else _GAIN
+            gain = _EQUAL if self.data.stretched and not undone.stretched else GAIN
             if after.position_scale_m / undone.size_m > gain * before:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m / MM, "misfit_after_mm": after.position_scale_m / MM}
             self._found(mistake.code, mistake.told, mistake.names, metrics)
             mirrored = mistake if mistake.code is FlagCode.MIRRORED_AXES else mirrored
             self.data, fit = undone, after
-        if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
+        if fit.position_scale_m > max(HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
             self._no_agreement(columns.POSITION, fit.position_scale_m / MM, "mm")
             return
         if mirrored is not None and self._turns:
@@ -348,7 +350,7 @@ class FrameChecks:
         tried = [(m, undone) for m, undone, far in changes if far / _TAKEN_UP < before < far * _FAR_ROWS]
         # Turns that errors alone make are smaller in any smaller unit; but no vector is longer than a whole turn.
         whole = float(np.nanmedian(np.linalg.norm(vectors, axis=1))) > 2.0 * np.pi
-        most = _GAIN * (before if whole else min(before, self.data.turned_rad))
+        most = GAIN * (before if whole else min(before, self.data.turned_rad))
         left = _fitted(tried, _turn_misfit, most)
         least = min((after for after, _ in left), default=before)
         # Of equals the first: the simpler mistake.
@@ -359,7 +361,7 @@ class FrameChecks:
             self.data = dict(tried)[best]
         elif before > _HOPELESS_RAD:
             # A wrist whose ropes yield is off by degrees, and yet goes where it is sent.
-            follows = before < _GAIN * self.data.turned_rad
+            follows = before < GAIN * self.data.turned_rad
             self._no_agreement(columns.ROTATION, before / MRAD, "mrad", roughly=follows)
             self.data = self.data if follows else dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(self.campaign.metadata.metres_per_rad)
@@ -404,5 +406,5 @@ def _fitted(
 def _turn_misfit(data: Comparison, rough: bool) -> float:
     """Return what the frames leave of rotations, in rad, or of positions if they are worse for it."""
     # Rotations of the wrong sense could be fitted at the cost of positions.
-    fit = data.fit(_HOPELESS_M / _HOPELESS_RAD, rough=rough)
-    return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
+    fit = data.fit(HOPELESS_M / _HOPELESS_RAD, rough=rough)
+    return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / HOPELESS_M)

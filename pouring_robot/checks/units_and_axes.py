@@ -16,7 +16,8 @@ from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, affine_map
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
+from pouring_robot.io.units import MM
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, rms
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.description.drive import Drive
@@ -34,6 +35,8 @@ ANGLE_MISTAKES = (
 )
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 LEFT_HANDED = "the axes of the measured positions are left-handed"
+HOPELESS_M, GAIN = 0.02, 0.2
+"""Misfits above the one no robot's errors explain; what a mistake leaves of one, undone, is no more than the other."""
 _ALIKE, _OF_A_UNIT = 0.98, 0.2
 """From which correlation on the drawing tells the unit of distances, and how near to one it says that they are."""
 _TELLING_SPREAD = 1e-2  # below it the affine map says little
@@ -202,11 +205,13 @@ TURN_MISTAKES = tuple(_turn_mistakes())
 
 
 def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
-    """Find distances from the fixed point that are in another unit, by the poses of the drawing.
+    """Find distances from the fixed point that are in another unit or counted from elsewhere, by the drawing's poses.
 
     Of a target at t on a body at p, R and a point c it is d² = |p|² + 2 p·Rt - 2 c·(p + Rt) + |t|² + |c|². So whatever
     t and c are, what the other terms cannot make of |p|² is in d² once, in the square of its unit. Where they make all
-    of it, as of a body that turns about the end of one crank, nothing is told.
+    of it, as of a body that turns about the end of one crank, nothing is told. A device that counts from elsewhere, as
+    a draw wire from its own zero, reads r = d - s, and d² = r² + 2 s r + s²: what is left of |p|² is that of r², and
+    2 s times that of r.
     """
     if campaign.distance_m is None:
         return
@@ -218,14 +223,25 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
     axes = axes[:, sizes > 1e-9 * sizes.max(initial=0.0)]
     if count < 2 * axes.shape[1] or not count:
         return
-    drawn, seen = (v - axes @ (axes.T @ v) for v in (np.square(place).sum(axis=1), np.square(distance[rows])))
-    together, size = float(drawn @ seen), float(drawn @ drawn)
-    if not together > _ALIKE * math.sqrt(size * float(seen @ seen)):
-        return
-    for factor, wrong in LENGTH_MISTAKES:
-        if abs(factor * math.sqrt(together / size) - 1.0) < _OF_A_UNIT:
-            message = f"column '{campaign.heading(columns.DISTANCE)}' seems to hold {wrong}"
-            yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=[columns.DISTANCE])
+    read = distance[rows]
+    terms = np.column_stack([np.square(place).sum(axis=1), np.square(read), read])
+    drawn, seen, once = (terms - axes @ (axes.T @ terms)).T
+    together, size, heading = float(drawn @ seen), float(drawn @ drawn), campaign.heading(columns.DISTANCE)
+    if together > _ALIKE * math.sqrt(size * float(seen @ seen)):
+        for factor, wrong in LENGTH_MISTAKES:
+            if abs(factor * math.sqrt(together / size) - 1.0) < _OF_A_UNIT:
+                message = f"column '{heading}' seems to hold {wrong}"
+                yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=[columns.DISTANCE])
+                return
+    short = float(once @ (drawn - seen)) / (2.0 * max(float(once @ once), np.finfo(float).tiny))
+    # Of a distance what half of its square misses by, over it; most of what is short the unknown places take up.
+    before, after = (rms((seen + 2.0 * s * once - drawn) / (2.0 * read)) for s in (0.0, short))
+    possible = bool((read + 2.0 * short > 0.0).all())  # nothing reads twice of what there is by a wrong zero
+    if possible and abs(short) > HOPELESS_M and after < GAIN * before:
+        message = f"distances in '{heading}' seem to be {short / MM:.3g} mm short, all alike: wherever device and "
+        message += f"target are they miss the robot by {before / MM:.3g} mm, and with so much more by {after / MM:.3g}"
+        figures = {"short_mm": short / MM, "misfit_before_mm": before / MM, "misfit_after_mm": after / MM}
+        yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=[columns.DISTANCE], metrics=figures)
 
 
 def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) -> Iterator[Mistake]:

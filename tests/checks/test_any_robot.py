@@ -292,6 +292,19 @@ def test_the_unit_of_distances_is_told_by_how_far_drives_move_the_target(machine
     assert len(found) == bool(wrong) and all(wrong in message for message in found)
 
 
+@pytest.mark.parametrize("machine", ["arm", "delta", "hexapod"], indirect=True)
+@pytest.mark.parametrize("short_mm", [300.0, -300.0, 0.0])
+def test_a_draw_wire_that_counts_from_elsewhere_is_told(machine, short_mm):
+    """The tracker's own origin is where it hangs; a device that is out by a thousandth of what it reads is none."""
+    away = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
+    read = away - 1e-3 * short_mm if short_mm else 1.001 * away
+    wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
+    told = check_campaign(damaged(wire, distance_m=read), machine.drawing)
+    found = [flag.metrics["short_mm"] for flag in told if flag.code is FlagCode.DISTANCE_ZERO]
+    assert found == pytest.approx([short_mm] if short_mm else [], rel=0.02)
+    assert FlagCode.DISTANCE_UNIT not in codes(told)
+
+
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
 def test_distances_of_nothing_are_told(machine):
     """Of a draw wire that was set to zero in the first pose."""

@@ -120,6 +120,9 @@ DAMAGES = {
     "distance_unit": [
         lambda c: damaged(c, distance_m=1e-3 * np.linalg.norm(c.position_m, axis=1)[:, None]),
     ],
+    "distance_zero": [
+        lambda c: damaged(c, distance_m=np.linalg.norm(c.position_m - c.position_m[0] + 1.0, axis=1)[:, None] - 0.3),
+    ],
     "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
     "noise_too_small": [quieter],
     "rounded_drives": [
@@ -234,6 +237,7 @@ DAMAGES = {
 BESIDES = {
     "no_length": {"no_noise_level"},  # of distances none is stated
     "distance_unit": {"no_noise_level"},
+    "distance_zero": {"no_noise_level"},
     "time_not_increasing": {"stuck_column"},
     "target_moved": {"outlier"},
     "one_pose": {"no_agreement", "unreachable_pose", "outlier", "too_few_rows"},
