@@ -112,6 +112,11 @@ def test_every_point_of_the_residuals_says_its_line_and_value(hot, drawn):
     assert {int(line) for line, _, _ in told} == set(hot.campaign.lines[np.isfinite(hot.campaign.position_m).all(1)])
 
 
+def test_rows_are_ringed_where_some_are_held_out(hot, drawn):
+    assert "held-out rows ringed" in drawn[1][0]
+    assert "no row held out" in plots(replace(hot, fitted=np.ones_like(hot.fitted)))[1][0]
+
+
 def test_a_long_story_stands_in_lines_over_its_picture(hot):
     told = replace(hot, effects=tuple(replace(effect, story="what may happen " * 15) for effect in hot.effects))
     written = re.findall(r"<text[^>]*>([^<]*what[^<]*)</text>", _signatures(told))

@@ -35,11 +35,12 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     words = diagnosis.rows.conditions.causes.words
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
+    held = "no row held out" if diagnosis.fitted.all() else "held-out rows ringed"
     told = diagnosis.rows.measured.known[:, :6].any()  # else there are no axes
     axes, own = (f"{whose}'s axes; " if told else "" for whose in ("tracker", words.base))
     drawn = [
         (f"The gap of each component, before and after (RMS, {axes}logarithmic)", _gap(diagnosis)),
-        (f"Residuals over conditions, before and after ({own}held-out rows ringed{some})", _residuals(diagnosis)),
+        (f"Residuals over conditions, before and after ({own}{held}{some})", _residuals(diagnosis)),
     ]
     if diagnosis.firm:
         drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))
@@ -252,7 +253,8 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
-    place = np.argsort(np.argsort(diagnosis.rows.conditions.time_s, kind="stable"))
+    given = diagnosis.rows.conditions
+    place = np.argsort(np.argsort(given.time_s, kind="stable"))
     shown = _shown(diagnosis)
     for kind, colour in zip(KINDS, (AFTER, HELD_OUT, *COLOURS), strict=False):
         chosen = are(kind, linear.component) & shown[linear.row]
@@ -264,7 +266,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
         words = first.structure.process.words
         left.plot(place[shown], values[shown], "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)
-    left.set(xlabel="rows in order of time", ylabel="residual / noise")
+    left.set(xlabel=f"rows in order of {'time' if given.time_known else 'the file'}", ylabel="residual / noise")
     left.legend(fontsize=8, loc="best")
     values = np.sort(linear.residual)
     expected = ndtri((np.arange(values.size) + 0.5) / values.size)
