@@ -169,6 +169,13 @@ def test_each_state_leaves_the_gap_that_the_report_tells(hot):
         np.testing.assert_allclose(gap, residual[:, :3], atol=1e-6)
 
 
+def test_why_no_ladle_is_drawn_of_distances_alone_is_noted(hot):
+    campaign, said = hot.campaign, "no ladles.html: no row has a whole measured position"
+    nowhere, away = np.full_like(campaign.position_m, np.nan), np.linalg.norm(campaign.position_m, axis=1)[:, None]
+    wire = replace(campaign, position_m=nowhere, rotation_vector_rad=None, distance_m=away)
+    assert [said in note_lines(found) for found in (hot, replace(hot, campaign=wire))] == [False, True]
+
+
 def test_the_gap_is_drawn_from_where_the_ladle_was_measured(hot):
     scene, (drawing, amended) = ladle_scene(hot), seen_states(hot)
     assert [robot.name for robot in scene.robots] == ["measured", "drawing", "amended model", "robot"]

@@ -98,6 +98,8 @@ def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
         )
     if diagnosis.model.robot is not None:
         yield "no ladles.html: measured ladles are drawn of the pouring robot only"
+    elif not diagnosis.campaign.position_measured.all(axis=1).any():
+        yield "no ladles.html: no row has a whole measured position"
 
 
 def _beside_lines(diagnosis: Conclusions) -> Iterator[str]:
