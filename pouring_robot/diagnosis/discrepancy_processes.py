@@ -103,13 +103,17 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
     # What differs from row to row moves both ends of a reading, each by its own row.
     moving = functools.cache(lambda name: rows.moving(name, {name: unit}, linear, sums))
-    base, target = ([moving(f"{frame}.{component}") for component in COMPONENTS] for frame in ("base", "tool"))
+    base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
         *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose, *_of_cycles(given))),
         *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
         *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
-        *(_moved(TARGET, by, target, lengths) for by, lengths in alone if by == SESSION),  # mounted anew, or slipped
+        *(  # mounted anew, or slipped
+            _moved(TARGET, by, [moving(f"tool.{component}") for component in COMPONENTS], lengths)
+            for by, lengths in alone
+            if by == SESSION
+        ),
         *_of_own_value(places),
         *_of_other_drives(places),
         by_chance_at(DRIVES, places.drives, len(given)),
