@@ -213,7 +213,9 @@ function place_words() {  // labels stay beside their arrows, and axes point whe
   axes.forEach(([line, name], k) => {
     const { x, y } = new three.Vector3().setComponent(k, 1).transformDirection(root.matrixWorld)
       .transformDirection(viewer.camera.matrixWorldInverse);
-    line.setAttribute("d", `M0 0L${10 * x} ${-10 * y}`);
+    const course = `M0 0L${10 * x} ${-10 * y}`;
+    if (line.getAttribute("d") === course) { return; }  // as long as the camera stands nothing is painted anew
+    line.setAttribute("d", course);
     name.setAttribute("x", 13 * x);
     name.setAttribute("y", -13 * y);
   });
