@@ -226,13 +226,11 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
     read = distance[rows]
     terms = np.column_stack([np.square(place).sum(axis=1), np.square(read), read])
     drawn, seen, once = (terms - axes @ (axes.T @ terms)).T
-    together, size, heading = float(drawn @ seen), float(drawn @ drawn), campaign.heading(columns.DISTANCE)
-    if together > _ALIKE * math.sqrt(size * float(seen @ seen)):
-        for factor, wrong in LENGTH_MISTAKES:
-            if abs(factor * math.sqrt(together / size) - 1.0) < _OF_A_UNIT:
-                message = f"column '{heading}' seems to hold {wrong}"
-                yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=[columns.DISTANCE])
-                return
+    heading, quantities = campaign.heading(columns.DISTANCE), [columns.DISTANCE]
+    if wrong := _other_unit(drawn, seen):
+        message = f"column '{heading}' seems to hold {wrong}"
+        yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=quantities)
+        return
     short = float(once @ (drawn - seen)) / (2.0 * max(float(once @ once), np.finfo(float).tiny))
     # Of a distance what half of its square misses by, over it; most of what is short the unknown places take up.
     before, after = (rms((seen + 2.0 * s * once - drawn) / (2.0 * read)) for s in (0.0, short))
@@ -241,7 +239,16 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
         message = f"distances in '{heading}' seem to be {short / MM:.3g} mm short, all alike: wherever device and "
         message += f"target are they miss the robot by {before / MM:.3g} mm, and with so much more by {after / MM:.3g}"
         figures = {"short_mm": short / MM, "misfit_before_mm": before / MM, "misfit_after_mm": after / MM}
-        yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=[columns.DISTANCE], metrics=figures)
+        yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=quantities, metrics=figures)
+
+
+def _other_unit(drawn: FloatArray, seen: FloatArray) -> str:
+    """Return which mistake of units makes squares of distances (n,) what is seen of them, in words; "" for none."""
+    together, size = float(drawn @ seen), float(drawn @ drawn)
+    if not together > _ALIKE * math.sqrt(size * float(seen @ seen)):
+        return ""
+    factor = math.sqrt(together / size)
+    return next((wrong for unit, wrong in LENGTH_MISTAKES if abs(unit * factor - 1.0) < _OF_A_UNIT), "")
 
 
 def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) -> Iterator[Mistake]:
