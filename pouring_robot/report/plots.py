@@ -32,7 +32,7 @@ def own_look() -> Iterator[None]:
 
     with _drawing, mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams["text.parse_math"] = False  # names and stories of others hold what they like
+        mpl.rcParams["text.parse_math"] = False  # others' names hold any sign; log axes so need "{x:g}"
         yield
 
 
