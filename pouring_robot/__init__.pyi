@@ -33,8 +33,8 @@ from .mechanism.loops_file import LoopsFile as LoopsFile
 from .mechanism.loops_file import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
 from .robot.export.folder import export_robot as export_robot
-from .robot.export.paths import package_path as package_path
-from .robot.export.paths import urdf_path as urdf_path
+from .robot.export.shipped_files import package_path as package_path
+from .robot.export.shipped_files import urdf_path as urdf_path
 from .robot.heat_section import HeatSection as HeatSection
 from .robot.inverse import Target as Target
 from .robot.location import LadleLocation as LadleLocation

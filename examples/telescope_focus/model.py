@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.inference.gp_kernels import separate, smooth, standardised, wandering
+from pouring_robot.inference.gaussian_processes.kernels import separate, smooth, standardised, wandering
+from pouring_robot.inference.gaussian_processes.processes import Process
 from pouring_robot.inference.problem import Explanation, Problem
-from pouring_robot.inference.processes import Process
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
+from pouring_robot.inference.gaussian_processes.processes import Process
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
-from pouring_robot.inference.processes import Process
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.mechanism.arrays import FloatArray

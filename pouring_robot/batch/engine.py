@@ -4,8 +4,8 @@ import numpy as np
 
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.records import BatchClosure
 from pouring_robot.batch.row_by_row import GeneralEngine
-from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions

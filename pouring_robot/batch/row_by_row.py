@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.records import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joints
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import BatchStart
+from pouring_robot.batch.records import BatchStart
 from pouring_robot.batch.structure import fixed
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray

@@ -8,7 +8,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pouring_robot.calibration.dropped import Dropped
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.metrics import (
     LadleUncertainty,
@@ -17,8 +16,9 @@ from pouring_robot.calibration.metrics import (
     pose_performance,
     workspace_rows,
 )
+from pouring_robot.calibration.outliers import explains, outlier_flags, outlying_rows
 from pouring_robot.calibration.selection import Refusal, Selection, acceptable, row_scores, select_groups
-from pouring_robot.calibration.unfitting import explains, unfitting_flags, unfitting_rows
+from pouring_robot.calibration.unfitted_parameters import UnfittedParameters
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without, where
@@ -136,7 +136,7 @@ def calibrate(
         campaign=campaign,
         present=model,
         calibrated=answer.rows.model.amended(answer.fit.unknowns.parameters),
-        flags=(*flags, *unfitting_flags(campaign, wrong, task.off(wrong))),
+        flags=(*flags, *outlier_flags(campaign, wrong, task.off(wrong))),
         left_out=left_out,
         split=parts,
         noise=task.noise,
@@ -236,7 +236,7 @@ class _Task:
         if self.everything is None:
             return np.zeros(0, dtype=np.intp)
         told = self.campaign, self.rows, self.measured, self.parts
-        return unfitting_rows(*told, self.everything, gone)
+        return outlying_rows(*told, self.everything, gone)
 
     @functools.cached_property
     def everything(self) -> Fit | None:
@@ -298,11 +298,13 @@ class _Task:
         """Return commands all over the workspace; with redundant drives only those of the rows are known to fit."""
         return rows if self.campaign.redundant_drives else workspace_rows(rows.model)
 
-    def dropped(self, answer: _Answer, groups: Sequence[ParameterGroup]) -> Dropped:
+    def dropped(self, answer: _Answer, groups: Sequence[ParameterGroup]) -> UnfittedParameters:
         """Return what the groups that an answer is without do to it."""
-        return Dropped.beside(answer.fit, answer.rows, self.training, all_parameters(groups), self.tolerances)
+        return UnfittedParameters.beside(
+            answer.fit, answer.rows, self.training, all_parameters(groups), self.tolerances
+        )
 
-    def ladle(self, answer: _Answer, dropped: Dropped) -> tuple[LadleUncertainty, LadleUncertainty]:
+    def ladle(self, answer: _Answer, dropped: UnfittedParameters) -> tuple[LadleUncertainty, LadleUncertainty]:
         """Return how well the ladle is known anywhere, and in the training rows."""
         position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
         known = functools.partial(

@@ -23,7 +23,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import FloatArray, evenly_spaced
 from pouring_robot.robot.parameter_catalogue import ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -130,7 +130,7 @@ class _CrossValidation:
         self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_parameters(())
         self._folds = [
-            [measured.among(part[evenly(part.size, _MOST_ROWS)]) for part in fold] for fold in split.validations
+            [measured.among(part[evenly_spaced(part.size, _MOST_ROWS)]) for part in fold] for fold in split.validations
         ]
         if not self._folds:
             raise CalibrationError(

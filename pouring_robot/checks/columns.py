@@ -17,7 +17,7 @@ from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import FloatArray, Indices, runs
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
-_LONGEST_RUN = 4
+_SHORTEST_RUN = 4
 _NAMED = 8
 _ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
@@ -168,7 +168,7 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
         if held and name in columns.POSITION:
             continue
         plane = alone and np.nanmax(values) == np.nanmin(values)
-        for rows in runs((np.diff(values) == 0.0) & moved, _LONGEST_RUN):
+        for rows in runs((np.diff(values) == 0.0) & moved, _SHORTEST_RUN):
             severity, remedy = (Severity.NOTE, _PLANE) if plane else (Severity.ERROR, "")
             yield stuck(campaign, name, values[rows[0]], rows, severity, remedy)
 

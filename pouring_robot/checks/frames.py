@@ -35,7 +35,7 @@ from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.io.units import MM, MRAD, joint_shown
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, robust_sigma
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly_spaced, robust_sigma
 from pouring_robot.mechanism.joint_limits import in_limits
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -323,7 +323,7 @@ class FrameChecks:
         beyond their limits than another.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
-        some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
+        some = self.data[complete[evenly_spaced(complete.size, _TRIED_ROWS)]]
         tried = _undone(position_mistakes(self.campaign, self.drawing, some), some)
 
         def misfit(data: Comparison, rough: bool) -> float:

@@ -21,8 +21,8 @@ from pouring_robot.checks.smooth_errors import (
     TELLING_ROWS,
     Aligned,
     drive_errors,
-    foretelling,
     leftover,
+    prediction_variance,
     robust_fit,
     sized,
     target_effect,
@@ -33,7 +33,7 @@ from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import drive_parameters
 
 GROSS_SIGMAS = 8.0
@@ -65,7 +65,7 @@ def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
     if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
         beyond = np.minimum(_beyond_joints(aligned, wrong), score[wrong])
         # Under conditions that no other row had nobody knows what is right.
-        uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
+        uncertain = np.where(far[wrong], 0.0, prediction_variance(campaign, data.poses, wrong))
         wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
     alone = _not_together(data, fit, apart, campaign.metadata.metres_per_rad)
@@ -114,7 +114,7 @@ def _beyond_joints(aligned: Aligned, rows: Indices) -> FloatArray:
     where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
     """
     (smooth, pose), floors = aligned.smooth, aligned.floors
-    used = np.union1d(rows, evenly(len(pose), TELLING_ROWS))
+    used = np.union1d(rows, evenly_spaced(len(pose), TELLING_ROWS))
     terms = aligned.joint_terms(used).reshape(used.size * len(floors), -1)
     residual = pose[used] / floors
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())

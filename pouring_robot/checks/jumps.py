@@ -10,7 +10,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, flagged
 from pouring_robot.checks.smooth_errors import ROWS_PER_TERM, TELLING_ROWS, Aligned, robust_fit
 from pouring_robot.estimation.noise import commands
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 
 _JUMP_SIGMAS = 5.0
 """A step counts beyond this many deviations of one row; a steady drift, taken for a step, stays below three."""
@@ -80,8 +80,8 @@ def _beside_joints(aligned: Aligned, pose: FloatArray, rows: Indices, first: int
     joints from a step has one.
     """
     before, behind = rows[rows < first], rows[rows >= first]
-    some = [side[evenly(side.size, TELLING_ROWS)] for side in (before, behind)]
-    used, floors = np.union1d(np.concatenate(some), evenly(len(pose), TELLING_ROWS)), aligned.floors
+    some = [side[evenly_spaced(side.size, TELLING_ROWS)] for side in (before, behind)]
+    used, floors = np.union1d(np.concatenate(some), evenly_spaced(len(pose), TELLING_ROWS)), aligned.floors
     within = np.column_stack([np.isin(used, rows), np.isin(used, behind)]).astype(float)
     steps = within[:, None, :, None] * np.eye(len(floors))[:, None, :]
     terms = aligned.joint_terms(used)

@@ -167,7 +167,7 @@ def condition_terms(conditions: Iterable[FloatArray]) -> Iterator[FloatArray]:
             yield np.nan_to_num(_scaled(values))
 
 
-def foretelling(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
+def prediction_variance(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
     """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
 
     Of an error that is linear in pose and conditions. Beyond all that the others had it is large: they tell nothing

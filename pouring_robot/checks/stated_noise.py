@@ -30,7 +30,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.checks.smooth_errors import Aligned, condition_terms
 from pouring_robot.estimation.noise import FALSE_ALARMS, LEAST_FACTOR
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
-from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
@@ -104,7 +104,7 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     apart = campaign.metadata.own_frames
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
-    rows = rows[evenly(rows.size, _MOST_ROWS)]
+    rows = rows[evenly_spaced(rows.size, _MOST_ROWS)]
     effect = aligned.joint_effect(rows)
     scatters = _scatters(aligned, rows, effect)
     if not scatters:

@@ -17,7 +17,7 @@ from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, IRON_IN_KELVIN, SU
 from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma, runs
 
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
-_LONGEST_RUN = 10
+_SHORTEST_RUN = 10
 _SPIKE_K = 25.0
 _COLD_K = 10.0  # so near the hall's temperature a part is cold
 _ALIKE_K = 5.0  # cold parts differ by less
@@ -51,7 +51,7 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
     for name in names:
         others = [changes[other] for other in names if other != name]
         if others:
-            for rows in runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _LONGEST_RUN):
+            for rows in runs(~changes[name] & (np.mean(others, axis=0) > 0.5), _SHORTEST_RUN):
                 yield stuck(campaign, name, campaign.conditions[name][rows[0]], rows, Severity.WARNING)
 
 

@@ -17,7 +17,7 @@ from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
 from pouring_robot.estimation.frames.starts import FEWEST_FOR_FRAMES, affine_map
 from pouring_robot.io.units import MM
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly, rms
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly_spaced, rms
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.description.drive import Drive
@@ -125,7 +125,7 @@ class Comparison:
     def with_drives(self, drawing: Drawing, change: Change) -> Self | None:
         """Return the same with drives changed; None where too few of them have a pose."""
         drives = change(self.drives)
-        some = evenly(len(drives), _GLANCE)
+        some = evenly_spaced(len(drives), _GLANCE)
         if len(some) < len(drives) and nominal_poses(drawing, drives[some]).complete.mean() < 0.5:
             return None
         poses = nominal_poses(drawing, drives)

@@ -42,7 +42,7 @@ def calibrate(
     from pouring_robot.robot.pouring_robot import robot_of
     from pouring_robot.robot.tolerances import Tolerances
 
-    present = bundles.Which(model, robot).read()
+    present = bundles.RobotOptions(model, robot).read()
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),

@@ -32,7 +32,7 @@ def plan(
         ),
     ] = None,
     criterion: Annotated[str, opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
-    which: bundles.Which,
+    which: bundles.RobotOptions,
     sigma_mm: Annotated[float, opt("Noise of a measured coordinate.")] = SIGMA_MM,
     sigma_mrad: Annotated[float | None, opt(f"Noise of a rotation component (default: {SIGMA_MRAD}).")] = None,
     position_only: Annotated[bool, opt("No rotations will be measured.", "--position-only")] = False,
@@ -125,7 +125,11 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
 
 
 def check(
-    *, file: options.CampaignFile, which: bundles.Which, as_json: options.AsJson = False, png: options.PngFile = None
+    *,
+    file: options.CampaignFile,
+    which: bundles.RobotOptions,
+    as_json: options.AsJson = False,
+    png: options.PngFile = None,
 ) -> None:
     """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
     from pouring_robot.campaign.data import Campaign
@@ -213,8 +217,8 @@ def simulate(
     plan: Annotated[Path | None, reads("Poses as 'path' reads them, and any condition columns.")] = None,
     random: Annotated[int | None, opt("N poses all over the workspace.", metavar="N")] = None,
     seed: Annotated[int, opt("Seed of everything random.", min=0)] = 0,
-    which: bundles.Which,
-    under: bundles.Under,
+    which: bundles.RobotOptions,
+    under: bundles.ConditionOptions,
     noise_mm: Annotated[float, opt("Noise of a coordinate.")] = SIGMA_MM,
     noise_mrad: Annotated[float | None, opt(f"Noise of a rotation component (default: {SIGMA_MRAD}).")] = None,
     position_only: Annotated[bool, opt("Measure no rotations.", "--position-only")] = False,

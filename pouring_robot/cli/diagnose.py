@@ -51,7 +51,7 @@ def diagnose(
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, NEXT, diagnosis_metrics
 
     options.refuse_inputs([out / NEXT])
-    present = bundles.Which(model, robot).read()
+    present = bundles.RobotOptions(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())),
         hold_out=hold_out,

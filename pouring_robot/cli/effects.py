@@ -16,7 +16,7 @@ _SHOWN = 6
 
 def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) -> None:
     """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
-    found = _library(bundles.Which(robot=robot).read())
+    found = _library(bundles.RobotOptions(robot=robot).read())
     if as_json:
         return options.print_json({"effects": found})
     for item in found:

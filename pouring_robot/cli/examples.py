@@ -15,7 +15,7 @@ def copy(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not be there yet.")],
 ) -> None:
     """Copy the examples into a new folder: model files, robots, campaigns, sweeps, a plug-in."""
-    from pouring_robot.robot.export.paths import examples_path
+    from pouring_robot.robot.export.shipped_files import examples_path
 
     files = copy_folder(examples_path(), folder)
     options.say(f"copied {len(files)} files to {folder}")

@@ -16,10 +16,10 @@ def export(
         Literal["urdf", "mjcf", "sdf", "drake"],
         opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
     ] = "urdf",
-    commanded: bundles.Commanded,
+    commanded: bundles.CommandOptions,
     zero_here: Annotated[bool, opt("URDF: count all joints from this pose.", "--zero-here")] = False,
     absolute_meshes: Annotated[bool, opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
-    which: bundles.Which,
+    which: bundles.RobotOptions,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
 

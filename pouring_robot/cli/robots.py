@@ -79,13 +79,13 @@ def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in values]
 
 
-def robots(*, which: bundles.Which, as_json: options.AsJson = False) -> None:
+def robots(*, which: bundles.RobotOptions, as_json: options.AsJson = False) -> None:
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.layout import layout_names
     from pouring_robot.robot.pouring_robot import robot_of
 
-    named = which != bundles.Which()
+    named = which != bundles.RobotOptions()
     chosen = [which.built()] if named else [robot_of(RobotModel(layout=name)) for name in layout_names()]
     figures = [robot_figures(one) for one in chosen]
     if as_json:

@@ -15,7 +15,7 @@ _SHOWN, _PARTS_SHOWN = 25, 6
 
 def sensitivity(
     *,
-    which: bundles.Which,
+    which: bundles.RobotOptions,
     poses: Annotated[int, opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
     seed: Annotated[int, opt("Seed of their drawing.", min=0)] = SENSITIVITY_SEED,
     length_mm: Annotated[float, opt("Size of every length error.")] = 0.2,

@@ -13,7 +13,7 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.joint_limits import joint_reach
-from pouring_robot.robot.inverse import REACHED, Reached, Target, bring, freedoms, longest_steps
+from pouring_robot.robot.inverse import REACHED, InverseSolution, Target, bring, freedoms, longest_steps
 from pouring_robot.robot.location import Location
 from pouring_robot.robot.robot import Robot
 
@@ -21,7 +21,7 @@ _ASIDE = 1.0 / 3.0
 """How far beside a pose, of Newton's longest step: small, and far from being singular for lack of digits."""
 
 
-def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | None, bool]:
+def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[InverseSolution | None, bool]:
     """Return what brings the robot as built to a target, where the drawing stands at ``wanted``; and if it is singular.
 
     Singular is a pose around which the drives command more than in it, where Newton stands still without having met
@@ -61,7 +61,7 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[Reached | 
             if one.settled and not any(joint.beyond for joint in reach):
                 found.append(one)
 
-    def nearness(one: Reached) -> tuple[float, ...]:
+    def nearness(one: InverseSolution) -> tuple[float, ...]:
         # Rounded, so that of an elbow's two sides it is always the same that is taken; what is met is equally near.
         left = (max(1, round(size / REACHED)) for size in (one.place_m, one.angle_rad))
         return *left, round(float(np.abs((one.drives - here) / longest).max()), 6)

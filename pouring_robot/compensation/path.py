@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot import __version__
-from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.records import BatchClosure
 from pouring_robot.compensation.pose import LOCKED, MOST_STEPS, least_commanded
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.given import expect

@@ -39,7 +39,7 @@ def covariance(rows: FloatArray, inverse_std: FloatArray | None = None) -> Float
     return np.asarray(inverse @ inverse.T)
 
 
-def telling(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
+def informative_parameters(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
     """Return the places of the parameters about which rows (k, p) tell more than is known of them anyway.
 
     A parameter is kept if a change of its usual size, its tolerance (p - nuisance,), those kept before it free to make

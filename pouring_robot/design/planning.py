@@ -22,7 +22,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.plan import plan_of, random_plan, refuse_redundant
 from pouring_robot.design.exchange import CandidateSet, choose
-from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
+from pouring_robot.design.information import covariance, informative_parameters, projected_singular_values, with_prior
 from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
@@ -158,7 +158,7 @@ class Planner:
             sizes = np.array([expected_size(p, robot, tolerances) / p.shown_in[1] for p in asked])
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
-            return telling(flat * share, self.nuisance, sizes)
+            return informative_parameters(flat * share, self.nuisance, sizes)
         self._refuse_undetermined("measurements all over the workspace", flat, asked, everywhere=True)
         return list(range(len(asked)))
 

@@ -29,7 +29,7 @@ FEWEST_VALUES = 50  # held-out values from which on one block tells its error to
 
 
 @dataclass(frozen=True, eq=False)
-class InTurn:
+class CrossValidatedGap:
     """The gap of rows that took no part, all blocks together."""
 
     blocks: int  # how many there are
@@ -75,7 +75,7 @@ def held_out_in_turn(
     blocks: Sequence[Indices],
     names: frozenset[str],
     progress: Progress = say_nothing,
-) -> InTurn | None:
+) -> CrossValidatedGap | None:
     """Return how well each block is foretold by the others, but for those that alone tell of the frames.
 
     Blocks are rows by index, together all of them; ``names`` are the effects that all fitted rows name. None where
@@ -106,7 +106,7 @@ def held_out_in_turn(
     fewer = np.array([gap(foreseen & ~np.isin(every, blocks[k])).position("after") for k in masks])
     error = float(np.sqrt((len(masks) - 1) * fewer.var()))
     agreed = sum(effects == names for effects in named)
-    return InTurn(len(masks), gap(foreseen), error, agreed, Counter(itertools.chain.from_iterable(named)))
+    return CrossValidatedGap(len(masks), gap(foreseen), error, agreed, Counter(itertools.chain.from_iterable(named)))
 
 
 def few(seen: WhitenedRows, fitted: BoolArray) -> bool:

@@ -16,7 +16,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without, where
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.cross_validation import InTurn, few, held_out_in_turn
+from pouring_robot.diagnosis.cross_validation import CrossValidatedGap, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.disagreement import free_residuals, where_of
 from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
@@ -25,18 +25,18 @@ from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.diagnosis.searched import Asked, Searched
+from pouring_robot.diagnosis.searched import Searched, Subset
 from pouring_robot.diagnosis.suggest.next_measurements import MOST_COUNT, USUAL_COUNT
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
-from pouring_robot.effects.gaps import rows_without
+from pouring_robot.effects.missing_cells import rows_without
 from pouring_robot.estimation.kinds import are, component_name, kind_of, unit_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
 from pouring_robot.estimation.noise import NoiseLevel, largest_noise, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
-from pouring_robot.inference.discrepancy import Discrepancy
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
 from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
@@ -209,7 +209,7 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def asked(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Asked:
+    def asked(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Subset:
         """Return the campaign with some rows left out, and those for want of a value that nothing stands for."""
         kept = self.campaign.usable.copy()
         for rows_out in (flagged, unfitting, *rows_without(self.campaign).values()):
@@ -228,9 +228,9 @@ class _Work:
         rows = CampaignRows(campaign, self.model, noise_beforehand(campaign, np.flatnonzero(fitted)))
         library = Library.of(rows, self.effects, self.options.made_within_mm)
         diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
-        return Asked(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
+        return Subset(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
 
-    def searched(self, asked: Asked, start: Hypothesis | None = None) -> Searched:
+    def searched(self, asked: Subset, start: Hypothesis | None = None) -> Searched:
         """Search, from what was found with more rows."""
         self.say("searching for effects", 0, 0)
         return Searched(asked, asked.diagnoser, *asked.diagnoser.found(start)).with_noise_settled()
@@ -327,7 +327,7 @@ class _Work:
 
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
-    ) -> tuple[Judgement, LinearState, Hypothesis, InTurn | None]:
+    ) -> tuple[Judgement, LinearState, Hypothesis, CrossValidatedGap | None]:
         """Return what may be said of what was found, the model amended by it, and what blocks in turn say of it."""
         diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
         rows, fitted = diagnoser.rows, diagnoser.fitted

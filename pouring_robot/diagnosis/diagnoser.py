@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.library import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, SeenRows, WhitenedRows
+from pouring_robot.diagnosis.rows import CampaignRows, ClosedRows, LinearRows, OuterAndSessionFrames, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.stack import local_changes
 from pouring_robot.estimation.intervals import largest_std
@@ -20,9 +20,9 @@ from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import blocks
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.decision import Judgement
+from pouring_robot.inference.gaussian_processes.processes import Channel, sums_of
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance, Problem
-from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.inference.search import best_forms, search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds, chance_level
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
@@ -48,7 +48,7 @@ class State:
 
     parameters: tuple[EffectParameter, ...]  # what is changed: effects' and workmanship's parameters
     values: FloatArray  # one a parameter, in its unit
-    frames: SeenFrom  # the two frames
+    frames: OuterAndSessionFrames  # the two frames
     every_row: WhitenedRows  # residuals there
     fitted: BoolArray  # which rows are fitted, (n,)
 
@@ -101,7 +101,7 @@ class Diagnoser:
     asked: Thresholds = DEFAULT_THRESHOLDS  # that hold in any campaign
 
     @functools.cached_property
-    def _frames_at_rest(self) -> SeenFrom:
+    def _frames_at_rest(self) -> OuterAndSessionFrames:
         return self.rows.refined_frames(self.fitted)
 
     def at_rest(self) -> LinearState:
@@ -121,11 +121,15 @@ class Diagnoser:
     def _thresholds_in(self, problem: Problem) -> Thresholds:
         return replace(self.asked, by_chance=chance_level(Hypothesis.nothing(problem), self.asked.false_names))
 
-    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
+    def _state(
+        self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: OuterAndSessionFrames
+    ) -> LinearState:
         every_row = self.rows.linearised(self._put_in(parameters, values, frames))
         return LinearState(parameters, values, frames, every_row, self.fitted)
 
-    def _put_in(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> SeenRows:
+    def _put_in(
+        self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: OuterAndSessionFrames
+    ) -> ClosedRows:
         return self.rows.seen(self.rows.changes(parameters, values), frames)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:

@@ -4,8 +4,8 @@ from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.where.free_residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import Where, disagreements
+from pouring_robot.inference.gaussian_processes.processes import sums_of
 from pouring_robot.inference.problem import Nuisance
-from pouring_robot.inference.processes import sums_of
 
 
 def where_of(diagnoser: Diagnoser) -> Where:

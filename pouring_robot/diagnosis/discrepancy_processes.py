@@ -19,8 +19,15 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
 from pouring_robot.estimation.kinds import component_name
-from pouring_robot.inference.gp_kernels import cycling, row_by_row, separate, smooth, standardised, wandering
-from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, sums_of
+from pouring_robot.inference.gaussian_processes.kernels import (
+    cycling,
+    row_by_row,
+    separate,
+    smooth,
+    standardised,
+    wandering,
+)
+from pouring_robot.inference.gaussian_processes.processes import CHANCE, Channel, Part, Process, sums_of
 from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS

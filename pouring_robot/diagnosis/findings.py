@@ -7,7 +7,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
-from pouring_robot.diagnosis.cross_validation import InTurn
+from pouring_robot.diagnosis.cross_validation import CrossValidatedGap
 from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
@@ -51,7 +51,7 @@ class Findings:
     train: Gap  # gap of the fitted rows
     held_out: Gap | None  # gap of the held-out rows; None where there are none
     # gap of every block held out in turn, where causes are named and the rows held out are few; else None
-    in_turn: InTurn | None
+    in_turn: CrossValidatedGap | None
     notes: tuple[str, ...]  # what limits the answer, one line each
     next_count: int  # how many measurements to suggest
 

@@ -10,7 +10,7 @@ from pouring_robot.diagnosis.discrepancy_processes import CYCLES, TARGET
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import table_of
 from pouring_robot.estimation.kinds import component_name, component_shown_in
-from pouring_robot.inference.discrepancy import Summand
+from pouring_robot.inference.gaussian_processes.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray, rms
 
 _IN_TIME = ("time", "order", "session")

@@ -31,7 +31,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError
-from pouring_robot.inference.processes import Channel
+from pouring_robot.inference.gaussian_processes.processes import Channel
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS, GeometricParameter, LocalParameter
 from pouring_robot.robot.model import RobotModel
@@ -52,15 +52,15 @@ def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenFrom(OuterFrames):
+class OuterAndSessionFrames(OuterFrames):
     """The two frames, and where sessions that have frames of their own see the base beside them."""
 
     sessions: FloatArray  # displacement of the base for each session but the largest, (6 s,), in m and rad
 
-    def moved(self, values: FloatArray) -> SeenFrom:
+    def moved(self, values: FloatArray) -> OuterAndSessionFrames:
         """Return them displaced by the twelve unknowns, then six a session, (12 + 6 s,), in m and rad."""
         outer = super().moved(values[:FRAMES])
-        return SeenFrom(outer.T_tracker_base, outer.T_end_target, self.sessions + values[FRAMES:])
+        return OuterAndSessionFrames(outer.T_tracker_base, outer.T_end_target, self.sessions + values[FRAMES:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,18 +110,18 @@ class LinearRows(WhitenedRows):
         return np.hstack([frames, *(frames[:, :6] * own[:, None] for own in self.own.T)])
 
     @functools.cached_property
-    def told(self) -> FloatArray:
-        """Directions of the frames that are free, (12 + 6 s, r); see :func:`told_directions`.
+    def observable(self) -> FloatArray:
+        """Directions of the frames that are free, (12 + 6 s, r); see :func:`observable_directions`.
 
         That the base moves from row to row does not count: where it turns with time the target's place moves what is
         seen with time as well, and left free it would go metres astray to make what the effect makes.
         """
-        return told_directions(self._with_sessions(self.still))
+        return observable_directions(self._with_sessions(self.still))
 
     @property
     def free(self) -> FloatArray:
         """Columns of the frames along the directions that are free, (m, r)."""
-        return self.frame_columns @ self.told
+        return self.frame_columns @ self.observable
 
     @property
     def held(self) -> FloatArray:
@@ -129,7 +129,7 @@ class LinearRows(WhitenedRows):
 
         They move what is seen only as far as the base turns from row to row.
         """
-        return FRAME_STD * (self.frame_columns - self.free @ self.told.T)
+        return FRAME_STD * (self.frame_columns - self.free @ self.observable.T)
 
     def frame_step(self, left: FloatArray) -> FloatArray:
         """Return the least-squares step of the frames for what is left of the rows (m,), (12 + 6 s,), in m and rad.
@@ -140,28 +140,28 @@ class LinearRows(WhitenedRows):
         columns = self.free
         prior = np.eye(columns.shape[1]) / FRAME_STD
         padded = np.concatenate([left, np.zeros(len(prior))])
-        return np.asarray(self.told @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
+        return np.asarray(self.observable @ np.linalg.lstsq(np.vstack([columns, prior]), padded, rcond=None)[0])
 
 
 @dataclass(frozen=True, eq=False)
-class SeenRows:
+class ClosedRows:
     """Rows with changes put in: their loops closed, and nothing differentiated yet."""
 
-    frames: SeenFrom  # from where they are seen
+    frames: OuterAndSessionFrames  # from where they are seen
     before: RowChanges  # what was changed in them before
     total: RowChanges  # with the changes
     prediction: Prediction  # what should be seen
     alone: WhitenedRows  # what that leaves of what is
 
 
-def told_directions(columns: FloatArray) -> FloatArray:
+def observable_directions(columns: FloatArray) -> FloatArray:
     """Return the directions (k, r) of unknowns that rows tell beyond what is known from the start, by columns (m, k).
 
     One of which they tell less than :data:`FRAME_STD` moves no prediction by as much as its noise: left free, as
     tracker and target about an axis that all rows share, it would explain what second orders of an effect alone make.
     """
-    _, told, directions = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(directions[told > 1.0 / FRAME_STD].T)
+    _, observable, directions = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(directions[observable > 1.0 / FRAME_STD].T)
 
 
 class CampaignRows:
@@ -182,7 +182,7 @@ class CampaignRows:
         sessions = session_parameters(campaign)
         self._session = numbers_of(campaign.sessions, sessions)
         first = first_frames(modelled, self.measured).frames
-        self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(len(sessions)))
+        self.frames = OuterAndSessionFrames(first.T_tracker_base, first.T_end_target, np.zeros(len(sessions)))
         self._nominal = self._by_the_drawing(modelled)
         self.conditions = conditions_of(campaign, self._nominal)
         structure = self.measurement.engine.structure
@@ -239,7 +239,7 @@ class CampaignRows:
         local = local_changes(parameters, values.tolist())
         return RowChanges.of(local, self.measurement.engine.structure, len(self))
 
-    def refined_frames(self, fitted: BoolArray) -> SeenFrom:
+    def refined_frames(self, fitted: BoolArray) -> OuterAndSessionFrames:
         """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""
         frames = self.frames
         for _ in range(_FRAME_STEPS):
@@ -250,18 +250,18 @@ class CampaignRows:
                 break
         return frames
 
-    def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
+    def linearise(self, changes: RowChanges, frames: OuterAndSessionFrames) -> LinearRows:
         """Close the loops with changes put in, and differentiate."""
         return self.linearised(self.seen(changes, frames))
 
-    def seen(self, changes: RowChanges, frames: SeenFrom) -> SeenRows:
+    def seen(self, changes: RowChanges, frames: OuterAndSessionFrames) -> ClosedRows:
         """Close the loops with changes put in; raises DiagnosisError where some rows do not."""
         before = replace(self._given, base=self._given.base + base_displacements(frames.sessions, self._session))
         total = before + changes
         prediction = self._seen(total, frames)
         left = self._whitened(prediction)
         alone = WhitenedRows(left.residual, left.rows, left.components, self.measured.sigma[left.components])
-        return SeenRows(frames, before, total, prediction, alone)
+        return ClosedRows(frames, before, total, prediction, alone)
 
     def _whitened(self, prediction: Prediction) -> WhitenedEquations:
         """Return the equations of all rows; raises DiagnosisError where some have no prediction."""
@@ -273,7 +273,7 @@ class CampaignRows:
             )
         return equations
 
-    def linearised(self, there: SeenRows) -> LinearRows:
+    def linearised(self, there: ClosedRows) -> LinearRows:
         """Differentiate rows where they are; raises DiagnosisError where some are singular there."""
         frames, total, model = there.frames, there.total, self.measurement
         seen = model.differentiated(there.prediction, frames, model.parameters, total.placements, total.base)
@@ -344,8 +344,8 @@ class CampaignRows:
     ) -> Channel:
         """Return how changes of local parameters, (n,) each, move readings; some rows may have more of them.
 
-        ``sums`` (n, m) say which row each equation is of, as :class:`~pouring_robot.inference.processes.Channel` does;
-        a reading that starts from another row is moved by what is in that one, too.
+        ``sums`` (n, m) say which row each equation is of, as of a :class:`Channel`; a reading that starts from another
+        row is moved by what is in that one, too.
         """
         column = self.signature(changes, linear)
         if not linear.by_start.size:

@@ -17,8 +17,8 @@ from pouring_robot.diagnosis.discrepancy_processes import poses, processes_of
 from pouring_robot.estimation.kinds import KINDS, Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
-from pouring_robot.inference.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import HALF, Seen, calm, gross_error_of_few, gross_errors
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
+from pouring_robot.inference.gross_errors import HALF, RowResiduals, calm, gross_error_in_few_rows, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.mechanism.arrays import Indices
@@ -32,7 +32,7 @@ square. What is smaller than the noise is hardly what anybody is to find."""
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Subset:
     """A campaign with some rows left out."""
 
     flagged: Indices  # rows that the checks say are wrong, by index in the campaign
@@ -52,19 +52,19 @@ class Asked:
 class Searched:
     """What explains it best, under the noise that the diagnoser knows."""
 
-    asked: Asked
+    asked: Subset
     diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
     settled: bool = True  # whether what is left over is as large as that noise, where it is to tell it
     # like which larger noise what is left scattered under that which is told; this one was found under the larger one
     larger_noise: LargerNoise | None = None
-    told: NoiseLevel | None = None  # the noise that is told, where it is another
+    stated: NoiseLevel | None = None  # the noise that is told, where it is another
 
     @property
     def noise(self) -> NoiseLevel:
         """The noise as it is told."""
-        return replace(self.told or self.diagnoser.rows.noise, settled=self.settled)
+        return replace(self.stated or self.diagnoser.rows.noise, settled=self.settled)
 
     def under_larger(self, larger: LargerNoise) -> Searched:
         """Search anew under a larger noise: what one that is too small has weighed is nothing to start from.
@@ -89,7 +89,7 @@ class Searched:
         """Search again until all that is left over is as large as the noise that it was found under."""
         found = self
         for _ in range(_NOISE_ROUNDS):
-            noise = found.noise_told
+            noise = found.residual_noise
             if noise.apart(found.diagnoser.rows.noise) < _NOISE_SETTLED:
                 return found
             found = found.under(noise)
@@ -108,7 +108,7 @@ class Searched:
         return replace(found, settled=False)
 
     @functools.cached_property
-    def noise_told(self) -> NoiseLevel:
+    def residual_noise(self) -> NoiseLevel:
         """The noise as all that is left over tells it, where nothing better does."""
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
         dof = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
@@ -120,7 +120,7 @@ class Searched:
 
         It is never more than before: that causes leave more then shows that they are none.
         """
-        noise, left = self.diagnoser.rows.noise, self.noise_told
+        noise, left = self.diagnoser.rows.noise, self.residual_noise
         larger = {kind: left[kind].sigma / noise[kind].sigma for kind in left.open_kinds}
         shares = {kind: self._share(kind, factor, len(larger)) for kind, factor in larger.items()}
         return noise.times({kind: min(factor * shares[kind], 1.0) for kind, factor in larger.items()})
@@ -150,15 +150,15 @@ class Searched:
         courses = poses(given), given.time_s[:, None]
         own, every = self.hypothesis, self.diagnoser.of_every_row(self.after, self.hypothesis)
         fits = (own, self.after.fitted_rows.row, fitted), (every, self.after.every_row.row, ~fitted)
-        left = [Seen(fit.remainder, row, asked) for fit, row, asked in fits]
-        deleted = [Seen(fit.deletion_residual, row, asked) for fit, row, asked in fits]
+        left = [RowResiduals(fit.remainder, row, asked) for fit, row, asked in fits]
+        deleted = [RowResiduals(fit.studentised_residual, row, asked) for fit, row, asked in fits]
         more = gross_errors((left, deleted), gone, courses)
         if not more.size and not self.telling:  # and what was found is nothing to go by
             rest = self.diagnoser.at_rest().every_row
-            more = gross_errors([[Seen(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
+            more = gross_errors([[RowResiduals(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
             problem = self.diagnoser.problem_at(self.after, of_every_row=True)
-            more = gross_error_of_few(problem, self.after.every_row.row, self.diagnoser.thresholds)
+            more = gross_error_in_few_rows(problem, self.after.every_row.row, self.diagnoser.thresholds)
         return self.asked.inliers[more]
 
     @property
@@ -169,4 +169,4 @@ class Searched:
     @property
     def telling(self) -> bool:
         """Whether most of the fitted rows are nearly foretold by the others: what takes up any row explains none."""
-        return calm(self.hypothesis.foretelling_residual)
+        return calm(self.hypothesis.leave_one_out_residual)

@@ -17,10 +17,10 @@ from pouring_robot.effects.base import Effect, Family, not_for
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import known_facts
-from pouring_robot.effects.families.drives import Coupling, LostMotion, Periodic, Ratio, Scale, Zero
+from pouring_robot.effects.families.drives import Backlash, Coupling, DriveScale, Periodic, Ratio, ZeroOffset
 from pouring_robot.effects.families.growth import DriveGrowth, LinkGrowth, LinksGrowth
-from pouring_robot.effects.families.joints import Centres, Placement, Tilts
-from pouring_robot.effects.families.loads import Bearing, Deflection, Spring, Stretch
+from pouring_robot.effects.families.joints import AxisTilts, JointCentres, Placement
+from pouring_robot.effects.families.loads import AxialCompliance, BeamDeflection, BearingCompliance, TorsionalCompliance
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.given import as_tuple, expect
@@ -29,22 +29,22 @@ from pouring_robot.robot.robot import AnyRobot, definition_of
 
 GROUP = "pouring_robot.effects"
 FAMILIES: dict[str, type[Family]] = {  # by the name that causes have for them; a new one is a class in `families/`
-    "zero": Zero,
-    "scale": Scale,
+    "zero": ZeroOffset,
+    "scale": DriveScale,
     "ratio": Ratio,
     "coupling": Coupling,
     "periodic": Periodic,
-    "lost_motion": LostMotion,
-    "centres": Centres,
-    "tilts": Tilts,
+    "lost_motion": Backlash,
+    "centres": JointCentres,
+    "tilts": AxisTilts,
     "placement": Placement,
     "drive_growth": DriveGrowth,
     "link_growth": LinkGrowth,
     "links_growth": LinksGrowth,
-    "stretch": Stretch,
-    "spring": Spring,
-    "bearing": Bearing,
-    "deflection": Deflection,
+    "stretch": AxialCompliance,
+    "spring": TorsionalCompliance,
+    "bearing": BearingCompliance,
+    "deflection": BeamDeflection,
     "base_drift": BaseDrift,
     "metrology_scale": MetrologyScale,
     "session_offset": SessionOffset,

@@ -14,7 +14,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names, force_names, runs_in_time
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.gaps import filled_in, with_gaps
+from pouring_robot.effects.missing_cells import filled_in, with_gaps
 from pouring_robot.effects.nominal_rows import NominalRows, loads_on
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.mechanism.arrays import FloatArray, Indices

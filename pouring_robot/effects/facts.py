@@ -12,7 +12,7 @@ from pouring_robot.effects.conditions import FORCE, LOAD, RISE, SIDES, Condition
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.io.units import MM, UNITS
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.robot.description.cause_types import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
@@ -33,7 +33,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Facts:
+class ConditionFacts:
     """Facts about one condition."""
 
     axis: Drawn = lambda _: ("", None)  # what to draw over it
@@ -48,14 +48,14 @@ class Facts:
 
 
 @functools.lru_cache(maxsize=16)
-def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
+def known_facts(robot: RobotDefinition) -> dict[str, ConditionFacts]:
     """Return the facts of a robot's conditions by their names, in the order they are spoken of."""
     causes = causes_of(robot)
     words = causes.words
     load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
     least_n = _least_load_n(robot, causes)
     found = {"weight_n": replace(_of_weight(causes, load, least_n), word="load")}
-    found["joint_moments"] = Facts(
+    found["joint_moments"] = ConditionFacts(
         _drawn("mean moment on a joint [Nm]", "joint_moments", lambda given: np.abs([*given.values()]).mean(axis=0)),
         sources=(INERTIAS,),
         record=f"the {INERTIAS}",
@@ -67,14 +67,16 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
         label = words.force.get(group, f"mean {borne} on {group} [k{next(iter(UNITS[borne]))}]")
         found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", label, least_n)
     found |= {f"{travel}_m": _travel(robot, travel, causes.travel_words.get(travel)) for travel in robot.travels}
-    found["truss_span_m"] = Facts(
+    found["truss_span_m"] = ConditionFacts(
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
     )
     found |= {f"{t.name}{RISE}": _rise(t, causes.drive_thermometers.values()) for t in causes.thermometers}
     found["approach"] = replace(_approach("approach", robot.drives), word="side of approach")
     found |= {f"{group}{SIDES}": _approach(f"{group}{SIDES}", drives) for group, drives in robot.groups.items()}
-    found["time_s"] = Facts(_time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S)
-    found["session"] = Facts(
+    found["time_s"] = ConditionFacts(
+        _time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S
+    )
+    found["session"] = ConditionFacts(
         _drawn("session", "session", lambda number: 1.0 + number),
         sources=("session",),
         record="the session of every row (session)",
@@ -83,9 +85,9 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     return found | of_drives(robot) | _OF_POSE
 
 
-def facts_of(name: str, robot: RobotDefinition) -> Facts:
+def facts_of(name: str, robot: RobotDefinition) -> ConditionFacts:
     """Return the facts of a condition; of one without facts nothing is known."""
-    return known_facts(robot).get(name, Facts())
+    return known_facts(robot).get(name, ConditionFacts())
 
 
 def _drawn(label: str, name: str, shown: Callable[[Any], FloatArray] = np.asarray) -> Drawn:
@@ -118,10 +120,10 @@ def _least_load_n(robot: RobotDefinition, causes: Causes) -> float:
     return max(1.0, 0.01 * GRAVITY_M_S2 * float(pin.computeTotalMass(robot.drawing().mechanism.shared_model)))
 
 
-def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> Facts:
+def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> ConditionFacts:
     """Return the facts of a condition that goes by the load; a tare counts where the links' own weight does not."""
     words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
-    return Facts(
+    return ConditionFacts(
         axis,
         sources=(LOAD, *tare),
         record=f"the load ({LOAD})" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
@@ -131,7 +133,7 @@ def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> Facts:
     )
 
 
-def _force(causes: Causes, name: str, label: str, least_n: float) -> Facts:
+def _force(causes: Causes, name: str, label: str, least_n: float) -> ConditionFacts:
     found = _of_weight(causes, _drawn(label, name, lambda force: np.asarray(force.mean(axis=1)) / _KILO), least_n)
     return replace(found, sources=(INERTIAS,), record=f"the {INERTIAS}") if causes.own_weight else found
 
@@ -143,17 +145,17 @@ def _least_way_m(robot: RobotDefinition, joints: Iterable[str], most: float) -> 
     return min(most, 0.5 * max(ways))
 
 
-def _travel(robot: RobotDefinition, name: str, words: tuple[str, str] | None) -> Facts:
+def _travel(robot: RobotDefinition, name: str, words: tuple[str, str] | None) -> ConditionFacts:
     record, vary = words or (
         f"the place of the base ({name}_m)",
         "measure at both ends and in the middle of its travel, with and without load",
     )
     word = name.replace("_", " ")
     least = _least_way_m(robot, (name,), 1.0)
-    return Facts(_drawn(f"{word} [m]", f"{name}_m"), word, (f"{name}_m",), record, vary, least)
+    return ConditionFacts(_drawn(f"{word} [m]", f"{name}_m"), word, (f"{name}_m",), record, vary, least)
 
 
-def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
+def _rise(kind: Thermometers, of_drives: Iterable[str]) -> ConditionFacts:
     """Return the facts of a kind of thermometer; of several the mean of those on drives is drawn."""
     members, driven = list(kind.members), set(of_drives)
     shown = [k for k, member in enumerate(members) if member in driven] or list(range(len(members)))
@@ -163,12 +165,12 @@ def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
 
     axis = _drawn(f"{kind.label} [K]", f"{kind.name}{RISE}", mean)
     sources = tuple(f"{member}_degC" for member in kind.members)
-    return Facts(axis, kind.word, sources, kind.record, kind.vary, kind.least_spread_k, expected=kind.expected)
+    return ConditionFacts(axis, kind.word, sources, kind.record, kind.vary, kind.least_spread_k, expected=kind.expected)
 
 
-def _approach(name: str, drives: Sequence[Drive]) -> Facts:
+def _approach(name: str, drives: Sequence[Drive]) -> ConditionFacts:
     columns = tuple(drive.approach_column for drive in drives)
-    return Facts(
+    return ConditionFacts(
         _drawn("drives that came from below", name, lambda side: 1.0 * (side > 0.0).sum(axis=1)),
         sources=columns,
         record=f"the side each drive was approached from ({' to '.join(dict.fromkeys((columns[0], columns[-1])))})",
@@ -177,20 +179,20 @@ def _approach(name: str, drives: Sequence[Drive]) -> Facts:
     )
 
 
-def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
+def of_drives(robot: RobotDefinition) -> dict[str, ConditionFacts]:
     """Return the facts of the drives' own values: those of a robot that has such drives."""
     found = {}
     slides, turns = ([drive for drive in robot.drives if drive.unit == unit] for unit in ("m", "rad"))
     if slides:
         first = slides[0]
-        found["screw_pitch_m"] = Facts(
+        found["screw_pitch_m"] = ConditionFacts(
             _screw,
             sources=("drives.screw_pitch_mm",),
             record="the pitch of the screws (screw pitch in campaign.yaml)",
             vary="measure at several places within one turn of the screws",
         )
         group = next((name for name, drives in robot.groups.items() if first in drives), "the drives")
-        found["lengths_m"] = Facts(
+        found["lengths_m"] = ConditionFacts(
             _drawn(f"length of {first.words} [mm]", "lengths_m", lambda lengths: lengths[:, 0] / MM),
             vary=f"measure with {group} as short and as long as they can be",
             least_spread=_least_way_m(robot, (drive.joint for drive in slides), 0.1),
@@ -198,7 +200,7 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
         )
     if turns:
         which = turns[0].words if len(turns) == 1 else "every joint"
-        found["angles_rad"] = Facts(
+        found["angles_rad"] = ConditionFacts(
             _drawn(f"{turns[0].symbol} [°]", "angles_rad", lambda angles: np.degrees(angles[:, 0])),
             vary=f"let {which} go through its whole range",
             least_spread=0.2,
@@ -208,16 +210,16 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
 
 _Z = _drawn("z [mm]", "position_m", lambda place: place[:, 2] / MM)
 _OF_POSE = {
-    "tilt_rad": Facts(
+    "tilt_rad": ConditionFacts(
         _drawn("tilt [°]", "tilt_rad", np.degrees),
         vary="measure at the edges of the workspace, at both ends of the tilt",
         least_spread=0.3,
         by_pose=True,
     ),
-    "position_m": Facts(
+    "position_m": ConditionFacts(
         _Z, vary="measure at the edges of the workspace, in many orientations", least_spread=0.1, by_pose=True
     ),
-    "height_m": Facts(_Z, by_pose=True),
+    "height_m": ConditionFacts(_Z, by_pose=True),
 }
 ALWAYS = ("tilt_rad", "height_m", "time_s")  # what anything can be drawn over
 

@@ -9,8 +9,8 @@ from pouring_robot.batch import BatchClosure, Engine, seen_from_rest
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign

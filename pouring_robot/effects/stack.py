@@ -25,7 +25,7 @@ from pouring_robot.effects.conditions import (
     told,
 )
 from pouring_robot.effects.facts import sources
-from pouring_robot.effects.gaps import CAME_FROM, rows_without
+from pouring_robot.effects.missing_cells import CAME_FROM, rows_without
 from pouring_robot.effects.nominal_rows import NominalRows
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import BadInputError, DataError, MissingConditionsError, closest

@@ -110,7 +110,7 @@ class Places(Instrument):
 
 
 @dataclass(frozen=True, eq=False)
-class Turns(Instrument):
+class Orientations(Instrument):
     """Axes of the target, (n, 3, 3), seen by the tracker; NaN where missing."""
 
     rotation: FloatArray
@@ -208,7 +208,7 @@ class Closures(Instrument):
         return -prediction.disagreement
 
 
-def instruments_of(campaign: Campaign) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
+def instruments_of(campaign: Campaign) -> tuple[Places, Orientations, *tuple[Instrument, ...]]:
     """Return what was measured in a campaign, in the order of components, each with a noise of 1 m or rad for now.
 
     Rows without all drives count as not measured.
@@ -222,4 +222,4 @@ def instruments_of(campaign: Campaign) -> tuple[Places, Turns, *tuple[Instrument
         others.append(Distances(1.0, length, np.arange(len(campaign)), campaign.distance_start))
     if redundant:
         others.append(Closures(1.0, np.repeat(usable[:, None], redundant, axis=1)))
-    return (Places(1.0, seen.position_m), Turns(1.0, seen.rotation), *others)
+    return (Places(1.0, seen.position_m), Orientations(1.0, seen.rotation), *others)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import Distances, Instrument, Places, Turns, instruments_of
+from pouring_robot.estimation.instruments import Distances, Instrument, Orientations, Places, instruments_of
 from pouring_robot.estimation.measurement import Differentiated, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.robust import Equations
@@ -33,9 +33,12 @@ class MeasuredPoses(PoseStack):
         _ = self.instruments  # a noise that is none is refused at once
 
     @functools.cached_property
-    def instruments(self) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
+    def instruments(self) -> tuple[Places, Orientations, *tuple[Instrument, ...]]:
         """All of them, in the order of their components."""
-        places, turns = Places(self.sigma_position_m, self.position_m), Turns(self.sigma_rotation_rad, self.rotation)
+        places, turns = (
+            Places(self.sigma_position_m, self.position_m),
+            Orientations(self.sigma_rotation_rad, self.rotation),
+        )
         return (places, turns, *self.others)
 
     @classmethod

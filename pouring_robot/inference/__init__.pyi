@@ -1,10 +1,10 @@
 from .decision import Judgement as Judgement
 from .decision import judge as judge
-from .discrepancy import Discrepancy as Discrepancy
+from .gaussian_processes.discrepancy import Discrepancy as Discrepancy
+from .gaussian_processes.processes import Process as Process
 from .hypotheses import Hypothesis as Hypothesis
 from .problem import Explanation as Explanation
 from .problem import Nuisance as Nuisance
 from .problem import Problem as Problem
 from .problem import Workmanship as Workmanship
-from .processes import Process as Process
 from .thresholds import Thresholds as Thresholds

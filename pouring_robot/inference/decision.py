@@ -11,12 +11,12 @@ import numpy as np
 from scipy.special import expit, softmax
 
 from pouring_robot.inference.alternatives import alternatives, instead_of_workmanship, rivals
-from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
+from pouring_robot.inference.gaussian_processes.discrepancy import Challenge, Discrepancy, Structure, Summand
+from pouring_robot.inference.gaussian_processes.processes import Process
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.inference.priors import log_prior_odds
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
-from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
 
@@ -162,7 +162,7 @@ def judge(
         doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
         found = replace(found, doubtful=tuple(doubtful))
     if not causes and (found.scatters or not reasons):
-        small = workmanship_cause(beside.hypothesis if found.scatters else hypothesis, thresholds)
+        small = workmanship_causes(beside.hypothesis if found.scatters else hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
         reasons += [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
     verdict: Verdict = "named"
@@ -325,7 +325,7 @@ def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds
     return (1.0 - thresholds.false_names) * float(expit(odds))
 
 
-def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
+def workmanship_causes(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
     """Return kinds of workmanship as causes, where nothing else is found and the data ask for them.
 
     Mostly one kind of them explains as well as all; then it is named alone, with the others that do as alternatives.

@@ -31,7 +31,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class ChosenMeasurements:
     """Measurements that were chosen."""
 
     chosen: Indices  # their indices, in the order they were chosen
@@ -98,7 +98,9 @@ def total(gains: FloatArray) -> FloatArray:
     return np.asarray(np.expm1(np.log1p(np.maximum(gains, 0.0)).mean(axis=-1)))
 
 
-def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, count: int) -> Choice:
+def choose(
+    predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], components: int, count: int
+) -> ChosenMeasurements:
     """Choose so many of n possible measurements, of k components each, one by one; none is chosen twice.
 
     Each explanation has a prediction of all n; pairs are explanations that are to be told apart.
@@ -126,7 +128,7 @@ def choose(predictions: Sequence[Prediction], pairs: Sequence[tuple[int, int]], 
             direction.add(place)
         for one in every:
             one.add(place)
-    return Choice(np.array(chosen, dtype=np.intp), np.array(gains).reshape(-1, len(pairs)))
+    return ChosenMeasurements(np.array(chosen, dtype=np.intp), np.array(gains).reshape(-1, len(pairs)))
 
 
 def expected(

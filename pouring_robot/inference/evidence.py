@@ -3,7 +3,8 @@ r"""Evidence: how much better data are explained if the coefficients of a group 
 Whitened residuals r are Gaussian with covariance :math:`C = I + \sum_k \Phi_k W_k^2 \Phi_k^T`: each group k of columns
 counts with independent coefficients of standard deviations :math:`W_k`. All that is asked of C are inner products of
 columns and residual through its inverse. They follow from those of the columns themselves, the Gram matrix, by a
-Schur complement, so that the number of rows does not count once that is formed (:class:`Gram`, :class:`Beside`).
+Schur complement (:class:`Gram`, :class:`ConditionalGram`), so that the number of rows does not count once that is
+formed.
 
 A group of columns has two unknown scales: one of all its coefficients, and one more of those that only shape the
 others. Its log evidence against its absence is in closed form for each pair of scales (d, p: squared singular values of
@@ -14,7 +15,7 @@ the group's columns seen through C, and squared projections of the residual):
 and is averaged over both, spread evenly in their logarithm, so that a group pays for columns it does not need
 (Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, ch. 5; MacKay, Neural Computation 4, 1992).
 That is its Bayes factor (:func:`bayes_factor`); of them the evidence of several groups at work together is made
-(:func:`evidence_together`), by which hypotheses are compared.
+(:func:`joint_evidence`), by which hypotheses are compared.
 """
 
 from __future__ import annotations
@@ -110,26 +111,26 @@ class Gram:
         return Gram(self.columns / variance, self.projected / variance, self.squared / variance)
 
 
-class Beside:
-    """The same beside more groups of columns: a Schur complement.
+class ConditionalGram:
+    """Inner products conditional on groups of columns: a Schur complement.
 
-    Columns at some places, (k,), are in the groups; weights, (k,), are standard deviations of their coefficients.
+    ``places`` (k,) are those of the groups' columns, ``weights`` (k,) the standard deviations of their coefficients.
     """
 
-    def __init__(self, products: Gram | Beside, places: Indices, weights: FloatArray) -> None:
+    def __init__(self, products: Gram | ConditionalGram, places: Indices, weights: FloatArray) -> None:
         self._products, self.places, self.weights = products, places, weights
         inner = products.inner(places, places)
         inner *= weights
         inner *= weights[:, None]
         inner.flat[:: len(places) + 1] += 1.0
         self._factor = _factor(inner)
-        self.pulled = self._solved(weights * products.projected[places])
-        self.squared: float = products.squared - float(self.pulled @ self.pulled)
+        self.residual_coordinates = self._solved(weights * products.projected[places])
+        self.squared: float = products.squared - float(self.residual_coordinates @ self.residual_coordinates)
         self.log_determinant: float = products.log_determinant + 2.0 * float(np.log(self._factor.diagonal()).sum())
 
     @classmethod
-    def groups(cls, products: Gram | Beside, groups: Sequence[tuple[Indices, FloatArray]]) -> Beside:
-        """Return what is to be seen beside groups of columns, each with its places and weights."""
+    def groups(cls, products: Gram | ConditionalGram, groups: Sequence[tuple[Indices, FloatArray]]) -> ConditionalGram:
+        """Return inner products conditional on groups of columns, each with its places and weights."""
         places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
         return cls(products, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
@@ -145,43 +146,47 @@ class Beside:
         """Log density of the residual, in nats, up to a constant of the number of rows."""
         return -0.5 * (self.squared + self.log_determinant)
 
-    def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,).
+    def conditioned(
+        self, shared: FloatArray, inner: FloatArray, projected: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return inner products of other columns (a,) with each other, (a, a), and the residual, (a,), conditional.
 
-        From those before the groups: with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
+        From the unconditional ones: with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
-        taken = self.taken(shared)
-        return inner - taken.T @ taken, projected - taken.T @ self.pulled
+        explained = self.coordinates(shared)
+        return inner - explained.T @ explained, projected - explained.T @ self.residual_coordinates
 
-    def taken(self, shared: FloatArray) -> FloatArray:
-        """Return columns, from their inner products with the groups' (k, a), as far as the groups take them up, (k, a).
+    def coordinates(self, shared: FloatArray) -> FloatArray:
+        """Return the part of columns that the groups explain, (k, a), from inner products with the groups', (k, a).
 
-        In orthonormal coordinates of these; :attr:`pulled` is the residual in them.
+        In orthonormal coordinates; :attr:`residual_coordinates` holds the residual in the same.
         """
         return self._solved(self.weights[:, None] * shared)
 
-    def back(self, coordinates: FloatArray) -> FloatArray:
-        """Return the groups' coefficients over their standard deviations, (k,), that make coordinates (k,)."""
+    def coefficients_at(self, coordinates: FloatArray) -> FloatArray:
+        """Return the groups' standardised coefficients, (k,), that give coordinates (k,)."""
         return self._solved(coordinates, transposed=False)
 
     @functools.cached_property
-    def _seen(self) -> FloatArray:
-        """All columns, as far as they are in the groups' space, (K, k)."""
+    def _every(self) -> FloatArray:
+        """All columns in the same coordinates, (K, k)."""
         every = np.arange(len(self._products.projected), dtype=np.intp)
-        return self.taken(self._products.inner(self.places, every)).T
+        return self.coordinates(self._products.inner(self.places, every)).T
 
     @functools.cached_property
     def projected(self) -> FloatArray:
         """Inner products of all columns with the residual, (K,)."""
-        return self._products.projected - self._seen @ self.pulled
+        return self._products.projected - self._every @ self.residual_coordinates
 
     def inner(self, some: Indices, others: Indices) -> FloatArray:
         """Return the inner products of some columns (a,) with others (b,), shape (a, b)."""
-        return np.asarray(self._products.inner(some, others) - self._seen.take(some, 0) @ self._seen.take(others, 0).T)
+        return np.asarray(
+            self._products.inner(some, others) - self._every.take(some, 0) @ self._every.take(others, 0).T
+        )
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
-        return self.back(self.pulled), self._covariance
+        """Return mean (k,) and covariance (k, k) of the groups' standardised coefficients."""
+        return self.coefficients_at(self.residual_coordinates), self._covariance
 
     @functools.cached_property
     def _covariance(self) -> FloatArray:
@@ -191,7 +196,7 @@ class Beside:
         return np.asarray(upper + np.triu(upper, 1).T)
 
     def means_without(self, own: slice) -> FloatArray:
-        """Return the mean coefficients (k,) where some of the groups' columns (a,) are not there: zero for these."""
+        """Return the mean coefficients (k,) without some of the groups' columns (a,); these are zero."""
         means, covariance = self.coefficients()
         gone = scipy.linalg.solve(covariance[own, own], means[own], assume_a="pos")
         return np.asarray(means - covariance[:, own] @ gone)
@@ -235,16 +240,16 @@ def bayes_factor(
     values = _over_scales(weights, columns, projected)
     shape, best = divmod(int(np.argmax(values)), len(LOG_SCALES))
     peak = float(values[shape, best])
-    return BayesFactor(float(log_mean(values)), Scale(float(np.exp(LOG_SCALES[best])), scales[shape].shaping), peak)
+    return BayesFactor(float(log_mean_exp(values)), Scale(float(np.exp(LOG_SCALES[best])), scales[shape].shaping), peak)
 
 
-def log_mean(values: FloatArray, axis: int | None = None) -> FloatArray:
+def log_mean_exp(values: FloatArray, axis: int | None = None) -> FloatArray:
     """Return log evidence averaged over what it hangs on, all as likely: of all values, or along an axis."""
     peak = values.max(axis=axis)
     return np.asarray(peak + np.log(np.exp(values - peak).mean(axis=axis)))  # of thousands SciPy's takes thrice as long
 
 
-def evidence_together(log_posterior: float, factors: Sequence[BayesFactor], log_priors: Sequence[float]) -> float:
+def joint_evidence(log_posterior: float, factors: Sequence[BayesFactor], log_priors: Sequence[float]) -> float:
     """Return the log evidence of groups of columns at work together, up to a constant of the data, in nats.
 
     Args:
@@ -257,7 +262,7 @@ def evidence_together(log_posterior: float, factors: Sequence[BayesFactor], log_
     return log_posterior + averaged + sum(log_priors)
 
 
-def most_evidence(
+def evidence_bound(
     columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> float:
     """Return an upper bound of :func:`bayes_factor`: all that the widest scales explain, without what scales cost."""
@@ -269,8 +274,8 @@ def most_evidence(
     return 0.5 * float(pulled @ scipy.linalg.lapack.dposv(inner, pulled, lower=1)[1])
 
 
-def most_within(columns: FloatArray, projected: FloatArray, limits: FloatArray) -> float:
-    """Return :func:`most_evidence` of coefficients that stay within limits (k, 2)."""
+def evidence_bound_within(columns: FloatArray, projected: FloatArray, limits: FloatArray) -> float:
+    """Return :func:`evidence_bound` of coefficients that stay within limits (k, 2)."""
     inner = columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
     factor = np.linalg.cholesky(inner).T
     pulled = scipy.linalg.solve_triangular(factor, projected, trans="T")
@@ -289,7 +294,7 @@ def evidences(
     explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
     variance = np.exp(2.0 * LOG_SCALES)[:, None] * np.where(kept, squared, 0.0)[:, None]
     values = 0.5 * ((variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None])
-    return log_mean(values.reshape(-1, projected.shape[1]), axis=0)
+    return log_mean_exp(values.reshape(-1, projected.shape[1]), axis=0)
 
 
 def evidence_of_fewest(columns: FloatArray, projected: FloatArray, explained: float) -> float:

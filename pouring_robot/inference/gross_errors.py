@@ -3,7 +3,7 @@
 Of few rows anything is explained by some effect; that a row is off by itself is then one more explanation to be tried.
 
 Found here after a search, they are left out and it is searched again (``diagnosis/diagnose.py``); after a fit of all
-parameters to choose from, they are left out of a calibration (``calibration/unfitting.py``). Before any fit they are
+parameters to choose from, they are left out of a calibration (``calibration/outliers.py``). Before any fit they are
 found in ``checks/gross_errors.py``; in a fit a robust loss bounds them (``estimation/robust.py``).
 """
 
@@ -34,7 +34,7 @@ _USUAL = 100.0
 """Usual size of a gross error, over the noise; averaged over as those of effects, from 1 to 1,000 times the noise."""
 
 
-class Seen(NamedTuple):
+class RowResiduals(NamedTuple):
     """Rows as one fit leaves them."""
 
     left: FloatArray  # what it leaves of them, or their deletion residuals, in units of the noise, (m,)
@@ -51,7 +51,7 @@ def calm(left: FloatArray) -> bool:
 
 
 def gross_errors(
-    seen: Iterable[Sequence[Seen]], gone: int, courses: Sequence[FloatArray], share: float = NINE_TENTHS
+    seen: Iterable[Sequence[RowResiduals]], gone: int, courses: Sequence[FloatArray], share: float = NINE_TENTHS
 ) -> Indices:
     """Return the rows that are gross errors; none where they would be too many to be single ones.
 
@@ -77,7 +77,7 @@ def gross_errors(
     return np.zeros(0, dtype=np.intp)
 
 
-def gross_error_of_few(problem: Problem, row: Indices, thresholds: Thresholds) -> Indices:
+def gross_error_in_few_rows(problem: Problem, row: Indices, thresholds: Thresholds) -> Indices:
     """Return the row that is a gross error more likely than what else takes it up; none, or one.
 
     That a row is off, each of its equations by itself, is searched for beside all that the problem has; ``row`` is that
@@ -104,7 +104,7 @@ def _off(problem: Problem, own: BoolArray, form: str) -> Explanation:
     return Explanation("gross error", form, problem.nuisance.clear(columns), every, cause=False)
 
 
-def _beyond(seen: Seen, share: float) -> BoolArray:
+def _beyond(seen: RowResiduals, share: float) -> BoolArray:
     """Return which of the rows that are asked are far beyond what a share of all that are seen stays below, (n,)."""
     worst = np.full(len(seen.asked), -np.inf)
     np.maximum.at(worst, seen.row, np.abs(seen.left))

@@ -14,15 +14,15 @@ import scipy.linalg
 
 from pouring_robot.inference.evidence import (
     BayesFactor,
-    Beside,
+    ConditionalGram,
     Gram,
     Scale,
     bayes_factor,
     chunks,
+    evidence_bound,
+    evidence_bound_within,
     evidence_of_fewest,
-    evidence_together,
-    most_evidence,
-    most_within,
+    joint_evidence,
 )
 from pouring_robot.inference.priors import LIKELY_LEVEL, WORKMANSHIP_LEVELS, coarsest_level, log_prior_of_levels
 from pouring_robot.inference.problem import Explanation, Problem, Value, Workmanship, once
@@ -149,15 +149,15 @@ class Hypothesis:
         return self.on(self.problem.over(times))
 
     @functools.cached_property
-    def everything(self) -> Beside:
+    def everything(self) -> ConditionalGram:
         """What is to be seen beside everything fitted."""
-        return Beside.groups(self.problem.gram, self._groups)
+        return ConditionalGram.groups(self.problem.gram, self._groups)
 
     @property
-    def _beside_workmanship(self) -> Beside:
+    def _beside_workmanship(self) -> ConditionalGram:
         """What is to be seen beside workmanship: factored once for all hypotheses with as much of it."""
         known, asked = self.problem.worked_out, ("workmanship", self.levels)
-        return once(known, asked, lambda: Beside.groups(self.problem.gram, self.workmanship()))
+        return once(known, asked, lambda: ConditionalGram.groups(self.problem.gram, self.workmanship()))
 
     def _inner(self, one: Explanation, other: Explanation) -> FloatArray:
         """Return the inner products of the columns of two explanations beside workmanship: asked for again and again.
@@ -169,16 +169,16 @@ class Hypothesis:
         return once(known, pair, lambda: self._beside_workmanship.inner(places(one), places(other)))
 
     @functools.cached_property
-    def _beside_items(self) -> Beside:
+    def _beside_items(self) -> ConditionalGram:
         """:attr:`everything`, faster."""
-        return Beside.groups(self._beside_workmanship, self._item_groups)
+        return ConditionalGram.groups(self._beside_workmanship, self._item_groups)
 
     @functools.cached_property
     def log_evidence(self) -> float:
         """Log evidence, up to a constant of the problem, in nats; forms are as likely as each other."""
         factors = [self.item_bayes_factor(k) for k in range(len(self.items))]
         priors = [self.problem.log_priors[item.effect] for item in self.items]
-        return evidence_together(self._log_posterior, factors, priors)
+        return joint_evidence(self._log_posterior, factors, priors)
 
     @property
     def _log_posterior(self) -> float:
@@ -213,13 +213,13 @@ class Hypothesis:
                 yield found, item
 
     def _most_evidence(self, item: Explanation) -> float:
-        return self.once(("most", item.key), lambda: most_evidence(*self._seen_of(item)))
+        return self.once(("most", item.key), lambda: evidence_bound(*self._seen_of(item)))
 
     def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return what the worth of one more explanation follows from."""
         shared = [np.zeros((0, len(item.main))), *(self._inner(other, item) for other in self.items)]
         projected = self._beside_workmanship.projected[self.problem.places(item)]
-        seen = self._beside_items.outside(np.vstack(shared), self._inner(item, item), projected)
+        seen = self._beside_items.conditioned(np.vstack(shared), self._inner(item, item), projected)
         return *seen, item.main, self.problem.shaping_units[item.key]
 
     @functools.cached_property
@@ -350,12 +350,12 @@ class Hypothesis:
         return np.asarray(1.0 - leverage)
 
     @property
-    def deletion_residual(self) -> FloatArray:
-        """What each equation's residual would be if it took no part, see :func:`deletion_residual`, (m,)."""
-        return deletion_residual(self.remainder, self.freedom)
+    def studentised_residual(self) -> FloatArray:
+        """What each equation's residual would be if it took no part, see :func:`studentised_residual`, (m,)."""
+        return studentised_residual(self.remainder, self.freedom)
 
     @property
-    def foretelling_residual(self) -> FloatArray:
+    def leave_one_out_residual(self) -> FloatArray:
         """By how much the others foretell each equation wrongly, in units of the noise, (m,); by the same leverage."""
         return np.asarray(self.remainder / self.freedom.clip(min=_ALONE))
 
@@ -394,7 +394,9 @@ class Hypothesis:
         places, values = self._together(indices)
         main, columns = self.problem.places(item)[item.main], self.problem.gram.columns
         inner, projected = columns[np.ix_(main, main)], columns[np.ix_(main, places)] @ values
-        return 2.0 * (most_evidence(inner, projected) if limits is None else most_within(inner, projected, limits))
+        return 2.0 * (
+            evidence_bound(inner, projected) if limits is None else evidence_bound_within(inner, projected, limits)
+        )
 
     def evidence_of_fewest(self, indices: Iterable[int], left: float, item: Explanation | None = None) -> float:
         """Return the log evidence, for the part of some items, of the fewest parameters that leave no more of it.
@@ -418,7 +420,7 @@ class Hypothesis:
         return self.explained_by(item, (index,), limits) / total
 
 
-def deletion_residual(left: FloatArray, freedom: FloatArray) -> FloatArray:
+def studentised_residual(left: FloatArray, freedom: FloatArray) -> FloatArray:
     """Return what each equation's residual would be if it took no part, over its standard deviation, (m,).
 
     What is left, over its noise, over the root of one minus the equation's leverage, both (m,) (Cook & Weisberg,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.inference.evidence import Gram, log_mean
+from pouring_robot.inference.evidence import Gram, log_mean_exp
 from pouring_robot.inference.priors import NOISE_FACTORS
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -52,4 +52,4 @@ class OtherNoise:
     def larger(self, kind: int | None, log_prior: float) -> LargerNoise:
         """Return what is said of its being larger, of a kind with such a log probability among those that may be."""
         densities = self.likelier(NOISE_FACTORS)
-        return LargerNoise(kind, float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean(densities)) + log_prior)
+        return LargerNoise(kind, float(NOISE_FACTORS[np.argmax(densities)]), float(log_mean_exp(densities)) + log_prior)

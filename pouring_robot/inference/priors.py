@@ -29,7 +29,7 @@ Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, a
 standard deviations wide. Larger ones are an effect (docs/inference.md, "Workmanship is a variance component")."""
 LIKELY_LEVEL, LEVEL_SPREAD = 4, 1.0
 """The likely one by index, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie
-between IT4 and IT9, the grades of fits. None that shows is as likely as the likely one."""
+between IT3 and IT10. None that shows is as likely as the likely one."""
 
 
 def coarsest_level(most: float) -> int:

@@ -22,7 +22,7 @@ def as_columns(found: FloatArray) -> FloatArray:
     return np.asarray(np.reshape(found, (6, -1)))
 
 
-def evenly(count: int, most: int) -> NDArray[np.intp]:
+def evenly_spaced(count: int, most: int) -> NDArray[np.intp]:
     """Return which of so many things stand for all, ascending: every one, or ``most`` of more, evenly spread.
 
     The first is among them, and the last where there are two.
@@ -30,11 +30,11 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
 
 
-def runs(same: BoolArray, longest: int) -> Iterator[Indices]:
-    """Yield the rows of every run of ``longest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
+def runs(same: BoolArray, shortest: int) -> Iterator[Indices]:
+    """Yield the rows of every run of ``shortest`` or more in which each step ``same[i]`` (row i to i+1) is set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for start, end in edges.reshape(-1, 2):
-        if end - start + 1 >= longest:
+        if end - start + 1 >= shortest:
             yield np.arange(start, end + 1)
 
 

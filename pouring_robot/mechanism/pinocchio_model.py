@@ -19,11 +19,10 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.joint_types import NOT_IN_URDF, change_joints, make_spherical
 from pouring_robot.mechanism.loops_file import LoopsFile
 
-GRAVITY_M_S2 = 9.80665
-"""Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
 # The parser writes to the process's standard error, of which there is one.
 _lock = threading.Lock()
 

@@ -1,6 +1,6 @@
 from .command_table import read_poses as read_poses
-from .export.paths import package_path as package_path
-from .export.paths import urdf_path as urdf_path
+from .export.shipped_files import package_path as package_path
+from .export.shipped_files import urdf_path as urdf_path
 from .inverse import Target as Target
 from .location import LadleLocation as LadleLocation
 from .model import DriveOffset as DriveOffset

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.samples import BatchStart
+from pouring_robot.batch.records import BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -59,7 +59,7 @@ class Target:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
+class InverseSolution:
     """Where Newton ended."""
 
     drives: FloatArray  # drive values to command, shape (drives,), in m and rad
@@ -89,8 +89,8 @@ def search(
     close: Close,
     target: Target,
     starts: Iterable[tuple[FloatArray, FloatArray]],
-    refuse: Callable[[Reached], None],
-) -> Reached:
+    refuse: Callable[[InverseSolution], None],
+) -> InverseSolution:
     """Return what meets a target, as :func:`bring` finds it from the first start that leads there.
 
     ``starts`` are drives (drives,) and configurations (nq,); ``refuse`` raises UnreachablePoseError where joints are
@@ -156,7 +156,7 @@ def bring(
     drives: FloatArray,
     start: FloatArray,
     ranks: tuple[int, int] | None = None,
-) -> Reached:
+) -> InverseSolution:
     """Return the drives nearest to a target that Newton finds from ``drives`` (m, rad) and ``start``, (nq,).
 
     ``close`` closes the robot of the solver; ``ranks`` are those of the drawing, as errors make a robot as built seem
@@ -179,7 +179,7 @@ def bring(
         before = size
         drives = drives + limited(step, mechanism)
         start = result.configuration
-    return Reached(drives, result, left, found, done)
+    return InverseSolution(drives, result, left, found, done)
 
 
 def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
@@ -212,7 +212,7 @@ def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
 
 
 def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tuple[int, int]:
-    """Return how many freedoms of a target the drives command at a closure, as :attr:`Reached.ranks`."""
+    """Return how many freedoms of a target the drives command at a closure, as :attr:`InverseSolution.ranks`."""
     mechanism = solver.mechanism
     frame = target.frame or str(mechanism.loops.end_frame)
     matrix = closed_chain_transfer(solver, result, drive_parameters(mechanism), frame).matrix

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch.samples import BatchClosure, BatchCommand, BatchStart
+from pouring_robot.batch.records import BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite

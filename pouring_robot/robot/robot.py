@@ -21,7 +21,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import BatchClosure, BatchStart
+from pouring_robot.batch.records import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import as_tuple, expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
@@ -36,7 +36,7 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.command_table import read_command_lines
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import parsed
-from pouring_robot.robot.inverse import Reached, Target, search, starts_near
+from pouring_robot.robot.inverse import InverseSolution, Target, search, starts_near
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
@@ -278,13 +278,13 @@ class Robot:
         found = self.drives_to(target)
         return self._located(found.drives, found.result)
 
-    def drives_to(self, target: Target) -> Reached:
+    def drives_to(self, target: Target) -> InverseSolution:
         """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
         expect(target, Target, "a target is a Target: a place, in m, and a rotation matrix if its attitude counts")
         starts = starts_near(target, self.drawing, self.model.definition.home_drives, lambda: self._workspace)
         return search(self.nominal_solver, self.close_nominal, target, starts, self._refuse_beyond)
 
-    def _refuse_beyond(self, found: Reached) -> None:
+    def _refuse_beyond(self, found: InverseSolution) -> None:
         refuse_beyond(self._reach(found.drives, found.result.within(self.model.definition.drawn_fit)))
 
     @functools.cached_property

@@ -49,7 +49,7 @@ def _kind(name: str, formerly: str = "") -> Any:
     return pydantic.Field(validation_alias=names, default_factory=lambda: getattr(Tolerances.load().kinds, name))
 
 
-class Kinds(StrictModel):
+class TolerancesByKind(StrictModel):
     """A tolerance for each kind of parameter; a robot's own file names those that its robot has."""
 
     linear_drive_offset: Length = _kind("linear_drive_offset", formerly="leg_drive_offset")  # zero of a drive
@@ -63,7 +63,7 @@ class Tolerances(StrictModel):
     """The tolerances file."""
 
     format: Literal["pouring_robot/tolerances/1"] = "pouring_robot/tolerances/1"  # kind and version of the file
-    kinds: Kinds  # one tolerance a kind
+    kinds: TolerancesByKind  # one tolerance a kind
 
     @classmethod
     def load(cls, path: Path | str | None = None) -> Self:
@@ -83,7 +83,7 @@ class Tolerances(StrictModel):
 
 
 def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> str:
-    """Return which of :class:`Kinds` a parameter is; a DH error is of the kind of the placement it displaces."""
+    """Return the kind of a parameter, a field of :class:`TolerancesByKind`; a DH error has that of what it moves."""
     if isinstance(parameter, DriveParameter):
         return "linear_drive_offset" if parameter.unit == "m" else "rotary_drive_offset"
     if parameter.unit == "rad":

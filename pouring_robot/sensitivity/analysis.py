@@ -16,7 +16,7 @@ from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter
 from pouring_robot.mechanism.rotations import moved_point
 from pouring_robot.robot.model import RobotModel
@@ -177,4 +177,4 @@ def _strongest_and_spread(distance_m: FloatArray, most: int) -> Indices:
     if len(order) <= most:
         return order
     first, rest = order[: most // 2], order[most // 2 :]
-    return np.concatenate([first, rest[evenly(len(rest), most - most // 2)]])
+    return np.concatenate([first, rest[evenly_spaced(len(rest), most - most // 2)]])

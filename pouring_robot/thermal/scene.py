@@ -19,8 +19,8 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
-from pouring_robot.robot.view.bench import RobotBench, Wish
-from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places
+from pouring_robot.robot.view.bench import PageRequest, RobotBench
+from pouring_robot.robot.view.nominal_and_actual import drawn_robot, exaggeration_for, frame_places
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
@@ -175,7 +175,7 @@ class PouringBench(RobotBench):
         found["groups"].append({"name": _HEAT, "sliders": sliders})
         return found
 
-    def located(self, robot: Robot, wish: Wish) -> Location:
+    def located(self, robot: Robot, wish: PageRequest) -> Location:
         """Return where the robot stands, as warm as the page wants it."""
         after = wish.values.get(_AFTER, 0.0)
         if after <= 0.0 or not isinstance(robot, PouringRobot):

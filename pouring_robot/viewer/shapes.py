@@ -15,7 +15,7 @@ import pinocchio as pin
 import trimesh
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.mechanism.arrays import FloatArray, evenly, read_only
+from pouring_robot.mechanism.arrays import FloatArray, evenly_spaced, read_only
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, at_step
 
@@ -154,7 +154,7 @@ def camera_on(scene: Scene) -> Camera:
 
 def outline(scene: Scene) -> FloatArray:
     """Return what a camera is to see of a scene, in several of its steps, as points in the world, shape (k, 3), m."""
-    steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
+    steps = sorted({*evenly_spaced(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
     chosen = [body for body in bodies if body.link not in scene.background_links] or bodies
     ends = [end for item in scene.arrows for step in steps for end in arrow_ends(scene, item, step)]

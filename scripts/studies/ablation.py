@@ -28,8 +28,9 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis import diagnoser, searched
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES, processes_of
 from pouring_robot.diagnosis.library import known_effects
-from pouring_robot.inference import decision, discrepancy, evidence, hypotheses, priors, problem, search
-from pouring_robot.inference.processes import CHANCE, Process
+from pouring_robot.inference import decision, evidence, hypotheses, priors, problem, search
+from pouring_robot.inference.gaussian_processes import discrepancy
+from pouring_robot.inference.gaussian_processes.processes import CHANCE, Process
 from pouring_robot.inference.thresholds import Thresholds
 from scripts.benchmarks.blind_metrics import failures
 from scripts.benchmarks.blind_trials import Job, campaigns, jobs, run

@@ -41,7 +41,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
-from pouring_robot.robot.export.paths import examples_path
+from pouring_robot.robot.export.shipped_files import examples_path
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.stiffness import load_stiffness

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from pouring_robot.batch import engine_for
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.records import BatchClosure
 from pouring_robot.batch.starts import closed_home
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
 from pouring_robot.io.files import read_text

@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pouring_robot.robot.export.paths import examples_path
+from pouring_robot.robot.export.shipped_files import examples_path
 
 ROOT = Path(__file__).resolve().parents[2]
 ACTUAL = examples_path() / "actual.yaml"

@@ -26,7 +26,7 @@ import numpy as np
 
 from pouring_robot.diagnosis.diagnose import Diagnosis, diagnose
 from pouring_robot.diagnosis.suggest.next_measurements import Suggestion, suggest_measurements
-from pouring_robot.inference.discrimination import Choice, Prediction
+from pouring_robot.inference.discrimination import ChosenMeasurements, Prediction
 from pouring_robot.io.threads import one_blas_thread
 from tests.diagnosis.remeasured import Machine
 from tests.rig.campaign import CONFOUNDED
@@ -60,9 +60,11 @@ def at_random(found: Diagnosis, count: int, seed: int) -> Suggestion:
     """Return as many of the same candidates, drawn."""
     rng = np.random.default_rng([seed, 29])
 
-    def drawn(predictions: Sequence[Prediction], pairs: Sequence[Any], components: int, most: int) -> Choice:
+    def drawn(
+        predictions: Sequence[Prediction], pairs: Sequence[Any], components: int, most: int
+    ) -> ChosenMeasurements:
         rows = len(predictions[0].mean) // components
-        return Choice(rng.choice(rows, most, replace=False), np.ones((most, len(pairs))))
+        return ChosenMeasurements(rng.choice(rows, most, replace=False), np.ones((most, len(pairs))))
 
     with patch.object(_SUGGEST, "choose", drawn):
         return suggest_measurements(found, count, seed)

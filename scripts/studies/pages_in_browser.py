@@ -32,11 +32,11 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from pouring_robot import load_robot
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.report.scene import campaign_scene
+from pouring_robot.diagnosis.report.modelled_and_measured import campaign_scene
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
-from pouring_robot.robot.view.scene import pose_scene
+from pouring_robot.robot.view.nominal_and_actual import pose_scene
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
 from pouring_robot.thermal.scene import PouringBench, shift_scene

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.robot.export.paths import examples_path
+from pouring_robot.robot.export.shipped_files import examples_path
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ("Prescott", "Haswell", "Zen", "SkylakeX")

@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 
 from pouring_robot.cli.app import main as command_line
-from pouring_robot.robot.export.paths import examples_path
+from pouring_robot.robot.export.shipped_files import examples_path
 
 PARTS = 6
 MOST_GROWTH = 1.05

@@ -27,7 +27,7 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
-from pouring_robot.robot.export.paths import examples_path
+from pouring_robot.robot.export.shipped_files import examples_path
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 

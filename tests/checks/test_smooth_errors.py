@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.smooth_errors import drive_errors, foretelling, target_effect
+from pouring_robot.checks.smooth_errors import drive_errors, prediction_variance, target_effect
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.local_parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -85,7 +85,7 @@ def test_what_other_rows_foretell_varies_as_least_squares_of_noise_do(drawing, t
     draws = np.random.default_rng(2).normal(size=(len(others), 20_000))
     told = terms[rows] @ np.linalg.lstsq(terms[others], draws, rcond=1e-10)[0]
     # The ridge holds back what the rows hardly tell; a variance of 20,000 draws has a standard deviation of 1 %.
-    np.testing.assert_allclose(foretelling(data, poses, rows), told.var(axis=1), rtol=0.05)
+    np.testing.assert_allclose(prediction_variance(data, poses, rows), told.var(axis=1), rtol=0.05)
 
 
 def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path):
@@ -93,10 +93,10 @@ def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path)
     poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4, 17])
     load = np.zeros(len(data))
     load[rows] = 500.0
-    alone = foretelling(data.with_conditions(payload=load), poses, rows)
+    alone = prediction_variance(data.with_conditions(payload=load), poses, rows)
     load[30] = 500.0
     assert (alone > 1e3).all()
-    assert (foretelling(data.with_conditions(payload=load), poses, rows) < 10.0).all()
+    assert (prediction_variance(data.with_conditions(payload=load), poses, rows) < 10.0).all()
 
 
 def test_rows_under_conditions_that_one_other_had_elsewhere_are_hardly_foretold(drawing, tmp_path):
@@ -107,10 +107,10 @@ def test_rows_under_conditions_that_one_other_had_elsewhere_are_hardly_foretold(
     for cold in (4, 17):
         for values in parts.values():
             values[cold] = 20.0
-    few = foretelling(data.with_conditions(**parts), poses, rows)
+    few = prediction_variance(data.with_conditions(**parts), poses, rows)
     for cold in range(0, len(data), 2):
         for values in parts.values():
             values[cold] = 20.0
-    half = foretelling(data.with_conditions(**parts), poses, rows)
+    half = prediction_variance(data.with_conditions(**parts), poses, rows)
     assert few > 5.0
     assert half < 1.0

@@ -13,7 +13,7 @@ from pouring_robot.compensation.drives import bring_to
 from pouring_robot.compensation.pose import compensate_drives, drive_notes
 from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.poses import PoseDifference
-from pouring_robot.robot.inverse import Reached, Target
+from pouring_robot.robot.inverse import InverseSolution, Target
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.robot import Robot
 
@@ -190,7 +190,7 @@ def searched(files, monkeypatch, stood, *beside):
     def bring(*_, **__):
         way, place_m, angle_rad, settled = next(ends)
         left = np.array([place_m, 0.0, 0.0, 0.0, angle_rad, 0.0])
-        return Reached(here + np.array([way, 0.0, 0.0, 0.0]), wanted.actual, left, (2, 1), settled)
+        return InverseSolution(here + np.array([way, 0.0, 0.0, 0.0]), wanted.actual, left, (2, 1), settled)
 
     monkeypatch.setattr("pouring_robot.compensation.drives.bring", bring)
     nominal = wanted.poses("tool")[0]

@@ -16,7 +16,7 @@ from pouring_robot.campaign.plan import read_plan
 from pouring_robot.campaign.simulate import simulate_campaign
 from pouring_robot.cli.app import main
 from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
-from pouring_robot.design.information import covariance, projected_singular_values, telling
+from pouring_robot.design.information import covariance, informative_parameters, projected_singular_values
 from pouring_robot.design.plan_rows import Columns, PlannedConditions, candidate_poses
 from pouring_robot.design.planning import Comparison, Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest, expected_size, planned_parameters
@@ -128,8 +128,8 @@ def test_telling_keeps_the_first_of_equals_and_drops_what_is_below_its_tolerance
     rows = np.random.default_rng(3).normal(size=(50, 5))
     rows[:, 2] = 2.0 * rows[:, 1] + 3.0 * rows[:, 0]  # a frame column and an earlier parameter
     rows[:, 4] *= 1e-3
-    assert telling(rows, 1, np.ones(4)) == [0, 2]
-    assert telling(rows, 1, np.array([1.0, 1.0, 1.0, 1e4])) == [0, 2, 3]
+    assert informative_parameters(rows, 1, np.ones(4)) == [0, 2]
+    assert informative_parameters(rows, 1, np.array([1.0, 1.0, 1.0, 1e4])) == [0, 2, 3]
 
 
 # --- exchange ----------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.rows import told_directions
+from pouring_robot.diagnosis.rows import observable_directions
 from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES
 from pouring_robot.inference.problem import Nuisance
 from tests.examples.campaigns import write
@@ -27,7 +27,7 @@ def columns_telling(least):
 
 
 def free(columns):
-    return Nuisance.of(columns @ told_directions(columns))
+    return Nuisance.of(columns @ observable_directions(columns))
 
 
 @pytest.mark.parametrize(("least", "told"), [(0.5 / FRAME_STD, False), (2.0 / FRAME_STD, True), (0.0, False)])

@@ -16,10 +16,7 @@ from lxml import etree
 from pouring_robot.checks.flags import FlagCode, Severity
 from pouring_robot.diagnosis.gap import in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
-from pouring_robot.diagnosis.report.notes import note_lines
-from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.plots import _signatures, evidence_steps, plots, rival_margins
-from pouring_robot.diagnosis.report.scene import (
+from pouring_robot.diagnosis.report.modelled_and_measured import (
     _MEASURED_TINT,
     _STATE_TINTS,
     _scene,
@@ -27,6 +24,9 @@ from pouring_robot.diagnosis.report.scene import (
     ladle_scene,
     seen_states,
 )
+from pouring_robot.diagnosis.report.notes import note_lines
+from pouring_robot.diagnosis.report.page import html_report
+from pouring_robot.diagnosis.report.plots import _signatures, evidence_steps, plots, rival_margins
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io import interrupt
 from pouring_robot.robot.model import RobotModel
@@ -281,7 +281,7 @@ def test_what_only_an_earlier_diagnosis_had_goes_with_it(hot, written, monkeypat
     (folder / "notes.txt").write_text("a person's")
     without = copy.copy(hot)
     without.__dict__["suggestion"] = replace(hot.suggestion, measurements=())
-    monkeypatch.setattr("pouring_robot.diagnosis.report.scene.ladle_scene", lambda _: None)
+    monkeypatch.setattr("pouring_robot.diagnosis.report.modelled_and_measured.ladle_scene", lambda _: None)
     write_diagnosis(without, folder, overwrite=True)
     assert {path.name for path in folder.iterdir()} == {*NAMES, "notes.txt"} - {"ladles.html", "next.csv"}
     (folder / "next.csv").write_text("what was measured")

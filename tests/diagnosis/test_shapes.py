@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.discrepancy_processes import varied
 from pouring_robot.diagnosis.learned_shape import shape_of
 from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.estimation.noise import Noise, NoiseLevel
-from pouring_robot.inference.processes import Channel, sums_of
+from pouring_robot.inference.gaussian_processes.processes import Channel, sums_of
 from tests.rig import Wanted, make_campaign, write_case
 
 LAG_S = 500.0

@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
+from pouring_robot.diagnosis.suggest.candidates import PredictedMeasurements, candidates
 from tests.support import ROOT
 
 ROBOT = str(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
@@ -55,6 +55,6 @@ def test_the_tool_is_known_in_the_base_where_a_coordinate_was_not_measured(campa
 def test_what_nobody_measured_is_suggested_to_nobody(campaign):
     """A device that reads two coordinates of the target reads two of the next poses, and they are worth as much."""
     found = diagnose(Campaign.read(campaign(lambda row: 2), ROBOT))
-    prospect = Prospect(found, candidates(found.rows.campaign, found.model, 10, 0))
+    prospect = PredictedMeasurements(found, candidates(found.rows.campaign, found.model, 10, 0))
     assert prospect.components == 2
     assert len(prospect.frames) == 20

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.diagnoser import Diagnoser
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.sentences import next_lines
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
+from pouring_robot.diagnosis.suggest.candidates import PredictedMeasurements, candidates
 from pouring_robot.diagnosis.suggest.next_measurements import (
     RANDOM_SETS,
     SuggestedMeasurement,
@@ -267,7 +267,7 @@ def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_
 
 
 def test_columns_that_new_rows_do_not_change_are_held_once(confounded):
-    prospect = Prospect(confounded, candidates(confounded.rows.campaign, confounded.model, 10, 0))
+    prospect = PredictedMeasurements(confounded, candidates(confounded.rows.campaign, confounded.model, 10, 0))
     before = {item.key: item.columns for item in confounded.hypothesis.problem.explanations}
     same = {
         item.effect: np.shares_memory(item.columns, before[item.key])

@@ -14,7 +14,7 @@ from pouring_robot.checks.flags import FlagCode, flagged
 from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.cross_validation import InTurn
+from pouring_robot.diagnosis.cross_validation import CrossValidatedGap
 from pouring_robot.diagnosis.diagnose import _unsettled, diagnose
 from pouring_robot.diagnosis.disagreement import free_residuals
 from pouring_robot.diagnosis.findings import Findings
@@ -249,7 +249,7 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
     ({}, True),
 ])  # fmt: skip
 def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
-    turns = InTurn(5, hot.held_out, 1e-5, 0, found)
+    turns = CrossValidatedGap(5, hot.held_out, 1e-5, 0, found)
     turned = replace(hot, in_turn=turns)
     headline = turned.headline
     assert ["how sure a cause is" in html_report(one, [("", "")]) for one in (hot, turned)] == [False, True]

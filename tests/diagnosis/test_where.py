@@ -16,9 +16,9 @@ from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.noise import LEAST_NOISE, Noise, NoiseLevel
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.discrepancy import Discrepancy
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
+from pouring_robot.inference.gaussian_processes.processes import Channel, sums_of
 from pouring_robot.inference.problem import Nuisance
-from pouring_robot.inference.processes import Channel, sums_of
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.model import RobotModel
 

@@ -12,7 +12,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
+from pouring_robot.diagnosis.rows import CampaignRows, OuterAndSessionFrames
 from pouring_robot.effects import nominal_rows
 from pouring_robot.effects.available import library
 from pouring_robot.estimation.noise import NoiseLevel
@@ -111,7 +111,9 @@ class Bench:
         self.campaign = self.measured(Errors.none(rows))
         self.rows = self.rows_of(self.campaign)
         # A faultless machine does not show where along the tilt axis the target sits, so the true frames are taken.
-        self.true_frames = SeenFrom(*(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)), np.zeros(0))
+        self.true_frames = OuterAndSessionFrames(
+            *(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)), np.zeros(0)
+        )
         self.linear = self.rows.linearise(self.rows.unchanged(), self.true_frames)
 
     def measured(self, errors):

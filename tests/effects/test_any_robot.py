@@ -18,12 +18,12 @@ from pouring_robot.effects.base import EffectParameter, channel, checked_forms
 from pouring_robot.effects.conditions import Conditions, bare_conditions, complete_conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.effects.facts import INERTIAS, held_still, sources
-from pouring_robot.effects.families.drives import Ratio, Scale
+from pouring_robot.effects.families.drives import DriveScale, Ratio
 from pouring_robot.effects.under import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten
 from pouring_robot.exceptions import MissingConditionsError
-from pouring_robot.inference.processes import Channel, Part, between, columns_of, sums_of
+from pouring_robot.inference.gaussian_processes.processes import Channel, Part, between, columns_of, sums_of
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -332,12 +332,12 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
     values = {f"{drive.symbol}_scale": 0.098, f"{drive.symbol}_progression": 0.020}  # mm/m, mm/m²
     stds = dict.fromkeys(values, 0.006 * known_to)
-    (said,) = Scale("drive_scale", "", (drive, replace(drive, joint="other", symbol="other")), build_up=True).in_words(
-        values, stds
-    )
+    (said,) = DriveScale(
+        "drive_scale", "", (drive, replace(drive, joint="other", symbol="other")), build_up=True
+    ).in_words(values, stds)
     assert said == f"{drive.words}: its lead is {lead} (95 %)"
     by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
-    (said,) = Scale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
+    (said,) = DriveScale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
     assert said.startswith(f"{drive.words}: its lead is {lead}, or {more}, ")
 
 

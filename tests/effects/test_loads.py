@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.conditions import bare_conditions
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.effects.bench import (
     CENTRE_OF_MASS,

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.local_parameters import drive_parameters, placement_parameters
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.examples import delta
 from tests.examples.machines import MACHINES

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from pouring_robot.inference.evidence import Beside, Gram
+from pouring_robot.inference.evidence import ConditionalGram, Gram
 from pouring_robot.inference.problem import Explanation, Problem
 
 ROWS = 60
@@ -46,5 +46,5 @@ def beside(groups, columns, residual):
     """Return what is to be seen of columns (m, a) and residual beside groups of unit coefficients, with its places."""
     stacked = np.hstack([*groups, columns])
     count = stacked.shape[1] - columns.shape[1]
-    seen = Beside(Gram.of([stacked], residual), np.arange(count), np.ones(count))
+    seen = ConditionalGram(Gram.of([stacked], residual), np.arange(count), np.ones(count))
     return seen, np.arange(count, stacked.shape[1])

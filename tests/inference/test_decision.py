@@ -24,15 +24,15 @@ from pouring_robot.inference.decision import (
     _cause,
     judge,
     without_minor,
-    workmanship_cause,
+    workmanship_causes,
 )
-from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import Scale
+from pouring_robot.inference.gaussian_processes.discrepancy import Challenge, Structure
+from pouring_robot.inference.gaussian_processes.processes import Process
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.inference.priors import LOG_SCALES, WORKMANSHIP_LEVELS
 from pouring_robot.inference.problem import Explanation, Workmanship
-from pouring_robot.inference.processes import Process
 from pouring_robot.inference.thresholds import Thresholds
 from tests.inference.problems import ROWS, explanation, log_density, problem
 
@@ -627,7 +627,7 @@ def test_small_errors_that_the_data_ask_for_are_a_cause():
     evidence = told(values, workmanship, (TYPICAL,)) - told(values, workmanship, (0,))
     for factor, silent in EITHER_SIDE:
         asked = factor * np.exp(-evidence)
-        found = workmanship_cause(hypothesis, Thresholds(false_names=asked))
+        found = workmanship_causes(hypothesis, Thresholds(false_names=asked))
         assert (found == []) == silent
     assert [(c.effect, c.form, c.indices, c.alternatives) for c in found] == [("small", "background", (), ())]
     assert found[0].evidence == pytest.approx(evidence)
@@ -637,8 +637,8 @@ def test_small_errors_that_the_data_ask_for_are_a_cause():
 
 def test_no_small_errors_are_no_cause():
     workmanship = (usual("small", axis(*BLOCK)),)
-    assert workmanship_cause(at_levels(spread(3.0), workmanship, (0,)), Thresholds(false_names=1.0 - 1e-9)) == []
-    assert workmanship_cause(at_levels({}, (), ()), Thresholds()) == []
+    assert workmanship_causes(at_levels(spread(3.0), workmanship, (0,)), Thresholds(false_names=1.0 - 1e-9)) == []
+    assert workmanship_causes(at_levels({}, (), ()), Thresholds()) == []
 
 
 def test_what_load_makes_of_workmanship_is_said_if_it_is_no_minor_part_of_it():
@@ -661,7 +661,7 @@ def test_of_two_kinds_the_evidence_asked_for_is_twice():
     values = residual(amplitudes)
     evidence = told(values, workmanship, (4, 4)) - told(values, workmanship, (0, 0))
     for factor, silent in EITHER_SIDE:
-        found = workmanship_cause(hypothesis, Thresholds(false_names=factor * 2.0 * np.exp(-evidence)))
+        found = workmanship_causes(hypothesis, Thresholds(false_names=factor * 2.0 * np.exp(-evidence)))
         assert (found == []) == silent
 
 
@@ -669,7 +669,7 @@ def test_where_it_takes_two_kinds_the_one_that_does_most_is_named_with_its_own_e
     workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.9) | spread(3.1, OTHER)
     hypothesis = at_levels(amplitudes, workmanship, (5, 5), [explanation("one", axis(40))])
-    found = workmanship_cause(hypothesis, Thresholds())
+    found = workmanship_causes(hypothesis, Thresholds())
     values = residual(amplitudes)
     assert [(c.effect, c.alternatives) for c in found] == [("other", ())]
     assert found[0].evidence == pytest.approx(told(values, workmanship, (5, 5)) - told(values, workmanship, (5, 0)))
@@ -686,7 +686,7 @@ def test_one_kind_is_enough_if_it_is_missed_for_less_than_is_asked_for():
     assert lacking > 1.0
     for factor, enough in EITHER_SIDE:
         limits = Thresholds(false_names=factor * 2.0 * np.exp(-lacking))
-        found = workmanship_cause(hypothesis, limits)
+        found = workmanship_causes(hypothesis, limits)
         assert [c.effect for c in found] == ["one"]
         expected = alone - none if enough else alone + lacking - best_told(values, workmanship, 1)
         assert found[0].evidence == pytest.approx(expected)
@@ -706,7 +706,7 @@ def test_kinds_that_explain_as_well_are_alternatives():
     assert 0.05 < ratio < 1.0
     for factor, likely in EITHER_SIDE:
         limits = Thresholds(false_names=factor * ratio)
-        found = workmanship_cause(hypothesis, limits)
+        found = workmanship_causes(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("one", ("other",) if likely else ())]
         share = 1.0 / (1.0 + ratio) if likely else 1.0
         assert found[0].probability == pytest.approx((1.0 - limits.false_names) * share, abs=0.01)
@@ -715,7 +715,7 @@ def test_kinds_that_explain_as_well_are_alternatives():
 def test_chances_of_kinds_that_are_the_same_are_equal():
     same = [usual(name, axis(*BLOCK)) for name in ("one", "two", "three")]
     hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
-    found = workmanship_cause(hypothesis, Thresholds())
+    found = workmanship_causes(hypothesis, Thresholds())
     assert {found[0].effect, *found[0].alternatives} == {"one", "two", "three"}
     assert [*found[0].alternatives] == sorted(found[0].alternatives)
     assert found[0].probability == pytest.approx(HELD / 3.0, abs=1e-3)
@@ -734,7 +734,7 @@ def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
     for factor, likely in EITHER_SIDE:
         limits = Thresholds(false_names=factor * ratio)
         assert [*instead_of_workmanship(hypothesis, 0, limits)] == (["twin"] if likely else [])
-        found = workmanship_cause(hypothesis, limits)
+        found = workmanship_causes(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
         odds = np.exp(averaged(values, axis(*BLOCK)) - best_told(values, workmanship, 0)) / 3.0  # one of three effects
         share = 1.0 / (1.0 + odds) if likely else 1.0

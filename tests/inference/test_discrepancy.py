@@ -6,13 +6,13 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from pouring_robot.inference.decision import judge
-from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.gp_kernels import row_by_row, separate, smooth, standardised, wandering
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
+from pouring_robot.inference.gaussian_processes.kernels import row_by_row, separate, smooth, standardised, wandering
+from pouring_robot.inference.gaussian_processes.processes import CHANCE, Channel, Part, Process, columns_of, sums_of
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.priors import LEFT_TO_NOISE, LOG_SCALES, NOISE_FACTORS
 from pouring_robot.inference.problem import Problem
-from pouring_robot.inference.processes import CHANCE, Channel, Part, Process, columns_of, sums_of
 from tests.inference.problems import explanation, problem
 
 ROWS = 80

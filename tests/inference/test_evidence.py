@@ -9,13 +9,13 @@ from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
 from pouring_robot.inference.evidence import (
-    Beside,
+    ConditionalGram,
     Gram,
     Scale,
     bayes_factor,
     eigen,
+    evidence_bound,
     largest_scale,
-    most_evidence,
     shaping_unit,
 )
 from pouring_robot.inference.priors import LOG_SCALES, SHAPINGS
@@ -43,7 +43,7 @@ def test_a_group_is_worth_no_more_than_it_explains_at_most(rng, unit):
         gram = Gram.of([columns], size * columns @ rng.normal(size=3) + rng.normal(size=12))
         for kept in (main, None):
             found = bayes_factor(gram.columns, gram.projected, kept, unit)
-            most = most_evidence(gram.columns, gram.projected, kept, unit)
+            most = evidence_bound(gram.columns, gram.projected, kept, unit)
             assert found.evidence <= found.peak <= most
     assert most == pytest.approx(found.peak, rel=0.2), "of a strong group the bound is near"
 
@@ -60,7 +60,7 @@ def test_inner_products_are_those_of_the_inverse(rng):
     assert seen.squared == pytest.approx(residual @ inverse @ residual, rel=1e-12)
     assert seen.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-12)
     stacked = np.hstack(groups)
-    outside = seen.outside(stacked.T @ columns, columns.T @ columns, columns.T @ residual)
+    outside = seen.conditioned(stacked.T @ columns, columns.T @ columns, columns.T @ residual)
     np.testing.assert_allclose(outside[0], inner, atol=1e-12)
     np.testing.assert_allclose(outside[1], projected, atol=1e-12)
 
@@ -69,8 +69,8 @@ def test_one_after_the_other_is_both_at_once(rng):
     """A Schur complement of a Schur complement; weights scale the columns."""
     stacked, residual = rng.normal(size=(30, 9)), rng.normal(size=30)
     gram, weights = Gram.of([stacked], residual), rng.uniform(0.1, 3.0, 6)
-    first = Beside(gram, np.arange(4), weights[:4])
-    both, after = Beside(gram, np.arange(6), weights), Beside(first, np.arange(4, 6), weights[4:])
+    first = ConditionalGram(gram, np.arange(4), weights[:4])
+    both, after = ConditionalGram(gram, np.arange(6), weights), ConditionalGram(first, np.arange(4, 6), weights[4:])
     rest = np.arange(6, 9)
     np.testing.assert_allclose(both.inner(rest, rest), after.inner(rest, rest), atol=1e-12)
     np.testing.assert_allclose(both.projected[rest], after.projected[rest], atol=1e-12)
@@ -82,8 +82,8 @@ def test_means_without_some_follow_from_all_together(rng, own):
     """The covariance of coefficients is at most one, so that the blocks of its inverse lose few digits."""
     columns, residual = rng.normal(size=(30, 6)), rng.normal(size=30)
     gram, weights = Gram.of([columns], residual), rng.uniform(0.5, 2.0, 6)
-    everything, rest = Beside(gram, np.arange(6), weights), np.delete(np.arange(6), own)
-    others = Beside(gram, rest, weights[rest])
+    everything, rest = ConditionalGram(gram, np.arange(6), weights), np.delete(np.arange(6), own)
+    others = ConditionalGram(gram, rest, weights[rest])
     means = everything.means_without(own)
     np.testing.assert_allclose(means[rest], others.coefficients()[0], rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(means[own], 0.0, atol=1e-12)
@@ -310,7 +310,7 @@ def test_a_column_of_which_only_round_off_is_left_explains_nothing(rng, size, ot
     """What others explain all of is worth nothing beside them, whatever the residual shares with its round-off."""
     columns, residual = size * rng.normal(size=(400, others)), 1e3 * rng.normal(size=400)
     double = np.hstack([columns, columns[:, :1]])
-    beside = Beside(Gram.of([double], residual), np.arange(others), np.full(others, 1e9 / size))
+    beside = ConditionalGram(Gram.of([double], residual), np.arange(others), np.full(others, 1e9 / size))
     last = np.array([others])
     left = bayes_factor(beside.inner(last, last), beside.projected[last])
     assert left.evidence == pytest.approx(0.0, abs=1e-3)
@@ -326,7 +326,7 @@ def test_the_bound_is_what_the_widest_scales_explain(place, scale):
     """One column d with a projection p, of standard deviation w: p² w² / (1 + w² d) / 2; shaping in units of two."""
     inner, projected = np.zeros((2, 2)), np.zeros(2)
     inner[place, place], projected[place] = 0.01, 3.0
-    found = most_evidence(inner, projected, np.array([True, False]), unit=2.0)
+    found = evidence_bound(inner, projected, np.array([True, False]), unit=2.0)
     assert found == pytest.approx(0.5 * 9.0 * scale**2 / (1.0 + 0.01 * scale**2), rel=1e-12)
 
 
@@ -334,11 +334,11 @@ def test_columns_explain_nothing_by_what_is_left_where_they_cancel(rng):
     """Their difference is a third column, ten million times smaller: it would have to be as many times as large."""
     one, other = rng.normal(size=(2, 40))
     columns = np.column_stack([one, one + 1e-7 * other])
-    found = 2.0 * most_evidence(columns.T @ columns, columns.T @ other)
+    found = 2.0 * evidence_bound(columns.T @ columns, columns.T @ other)
     assert found == pytest.approx((one @ other) ** 2 / (one @ one), rel=1e-3)
     assert found < 0.5 * other @ other
 
 
 def test_what_no_columns_can_have_for_inner_products_is_refused():
     with pytest.raises(np.linalg.LinAlgError, match="no inner products"):
-        Beside(Gram(np.array([[-2.0]]), np.zeros(1), 1.0), np.arange(1), np.ones(1))
+        ConditionalGram(Gram(np.array([[-2.0]]), np.zeros(1), 1.0), np.arange(1), np.ones(1))

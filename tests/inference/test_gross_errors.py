@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pouring_robot.inference.gross_errors import HALF, Seen, _together, gross_error_of_few, gross_errors
+from pouring_robot.inference.gross_errors import HALF, RowResiduals, _together, gross_error_in_few_rows, gross_errors
 from pouring_robot.inference.search import search
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS
 from tests.inference.problems import library, planted, problem
@@ -14,7 +14,7 @@ COUNT, COMPONENTS, OFF = 120, 6, 20.0
 
 def of_all(left):
     """Return what one fit leaves of all rows."""
-    return [Seen(left.ravel(), np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool))]
+    return [RowResiduals(left.ravel(), np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool))]
 
 
 def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
@@ -53,7 +53,10 @@ def test_what_is_unknown_in_the_place_held_out_says_nothing_of_the_fitted_rows(r
     fit_of_all[7, 1], alone[7, 1] = 5.0 * OFF, 0.2 * OFF  # of which that counts which is alone
     fit_of_all[100, 2] = 2.0 * OFF
     fitted = rows < 90
-    seen = [Seen(alone.ravel()[fitted], rows[fitted], ~held_out), Seen(fit_of_all.ravel(), rows, held_out)]
+    seen = [
+        RowResiduals(alone.ravel()[fitted], rows[fitted], ~held_out),
+        RowResiduals(fit_of_all.ravel(), rows, held_out),
+    ]
     assert gross_errors([seen], 0, places).tolist() == []
     fit_of_all[held_out] /= 8.0
     fit_of_all[100, 2] = 2.0 * OFF
@@ -124,5 +127,5 @@ def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng
     asked = problem(residual, items, free=rng.normal(size=(rows.size, 6)))
     if len(wrong) == 1:
         assert {item.effect for item in search(asked).items} - {items[2].effect}, "something else is found for it"
-    found = gross_error_of_few(asked, rows, DEFAULT_THRESHOLDS)
+    found = gross_error_in_few_rows(asked, rows, DEFAULT_THRESHOLDS)
     assert found.tolist() == (list(wrong) if len(wrong) == 1 else [])

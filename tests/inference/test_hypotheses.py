@@ -301,9 +301,9 @@ def test_an_equation_is_judged_by_what_the_others_foretell_of_it(rng):
     built = problem(2.0 * rng.normal(size=12), items, free=free)
     hypothesis = Hypothesis(built, built.explanations, (Scale(1.5), Scale(0.7)), ())
     whole = covariance(hypothesis) + 1e6 * free @ free.T
-    for k, found in enumerate(hypothesis.deletion_residual[1:], 1):
+    for k, found in enumerate(hypothesis.studentised_residual[1:], 1):
         others = np.delete(np.arange(12), k)
         pulled = np.linalg.solve(whole[np.ix_(others, others)], whole[others, k])
         residual = built.residual[k] - pulled @ built.residual[others]
         assert found == pytest.approx(residual / np.sqrt(whole[k, k] - pulled @ whole[others, k]), rel=1e-4)
-    assert abs(hypothesis.deletion_residual[0]) < 1e-6
+    assert abs(hypothesis.studentised_residual[0]) < 1e-6

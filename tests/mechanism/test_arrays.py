@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import evenly, finite
+from pouring_robot.mechanism.arrays import evenly_spaced, finite
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 100, 101, 12345])
 @pytest.mark.parametrize("most", [1, 2, 7, 100])
 def test_all_or_as_many_as_asked_evenly_spread(count, most):
-    chosen = evenly(count, most)
+    chosen = evenly_spaced(count, most)
     assert len(chosen) == min(count, most)
     if count <= most:
         np.testing.assert_array_equal(chosen, np.arange(count))

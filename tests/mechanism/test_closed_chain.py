@@ -9,8 +9,8 @@ import pytest
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from tests.support import planar_urdf, pose_gap, random_poses
 
 FIVE_BAR = planar_urdf("five_bar", [("a", 0.0, [0.4, 0.6]), ("b", 0.5, [0.45, 0.55])])

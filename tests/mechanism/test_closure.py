@@ -13,8 +13,8 @@ from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameEr
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from tests.support import (
     CHAINS,

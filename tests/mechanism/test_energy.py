@@ -14,8 +14,8 @@ from pouring_robot.mechanism.closure.energy import (
     motion_cross,
 )
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
 
 FIVE_BAR = planar_urdf("five_bar", [("a", 0.0, [0.4, 0.6]), ("b", 0.5, [0.45, 0.55])])

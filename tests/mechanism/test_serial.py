@@ -12,6 +12,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.local_parameters import (
     DriveParameter,
     FrameParameter,
@@ -22,7 +23,6 @@ from pouring_robot.mechanism.local_parameters import (
     placement_parameters,
 )
 from pouring_robot.mechanism.loops_file import LoopsFile
-from pouring_robot.mechanism.pinocchio_model import GRAVITY_M_S2
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.support import ARM_JOINTS, arm, arm_urdf, perturbed, placement_error, pose_gap, round_off
 

@@ -6,7 +6,7 @@ import pytest
 
 import pouring_robot
 from pouring_robot.exceptions import BadInputError, ClosureError, NoSolutionError, UnreachableTargetError
-from pouring_robot.robot.inverse import REACHED, Reached, Target
+from pouring_robot.robot.inverse import REACHED, InverseSolution, Target
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import NAMES, ROBOTS
 from tests.support import ROOT, gantry_file
@@ -47,7 +47,7 @@ def test_met_is_a_distance_and_an_angle(part, each, met):
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
     result, left = robot.location_in_the_middle().nominal, np.zeros(6)
     left[part] = each
-    assert Reached(np.zeros(6), result, left, (3, 3), True).met == met
+    assert InverseSolution(np.zeros(6), result, left, (3, 3), True).met == met
 
 
 def test_a_place_alone_does_not_determine_an_arm():

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
-from pouring_robot.robot.view.scene import exaggeration_for, pose_scene
+from pouring_robot.robot.view.nominal_and_actual import exaggeration_for, pose_scene
 from pouring_robot.viewer import solids
 from tests.support import random_poses
 

@@ -12,7 +12,7 @@ from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import meshes_from, urdf_files
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
-from pouring_robot.robot.view.scene import drawn_robot
+from pouring_robot.robot.view.nominal_and_actual import drawn_robot
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 CODE = (

@@ -22,7 +22,7 @@ from pouring_robot.thermal.regression.sensitive_sets import (
     variance_inflation_factors,
 )
 from pouring_robot.thermal.regression.table import ErrorSetError, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
+from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, ResidualStatistics
 from scripts.paper.thermal.regression import TableDesign, compare, count_beaten, draw_table, report_beaten
 from tests.support import round_off
 
@@ -226,9 +226,9 @@ def test_spread_is_the_distance_of_slopes():
     drawn = draw_table(np.random.default_rng(2))
     T, errors = drawn.left_out.temperatures_K, drawn.left_out.errors
     centre = np.polyfit(T, errors.mean(axis=1), 1)
-    best = Remains.of(errors - np.polyval(centre, T)[:, None]).spread
+    best = ResidualStatistics.of(errors - np.polyval(centre, T)[:, None]).spread
     for change in (1e-6, -3e-6):
-        spread = Remains.of(errors - np.polyval(centre + np.array([change, 1.0]), T)[:, None]).spread
+        spread = ResidualStatistics.of(errors - np.polyval(centre + np.array([change, 1.0]), T)[:, None]).spread
         expected = best**2 + change**2 * T.var() * errors.size / (errors.size - 1)
         assert spread**2 == pytest.approx(expected, rel=1e-10)
 

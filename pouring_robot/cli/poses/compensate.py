@@ -47,9 +47,9 @@ class Asked:
 
 def compensate(
     *,
-    commanded: bundles.Commanded,
-    which: bundles.Which,
-    under: bundles.Under,
+    commanded: bundles.CommandOptions,
+    which: bundles.RobotOptions,
+    under: bundles.ConditionOptions,
     asked: Asked,
     heat: bundles.Heat,
     thermal_model: options.ThermalModelFile = None,

@@ -27,8 +27,8 @@ def path(
             "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz."
         ),
     ],
-    which: bundles.Which,
-    under: bundles.Under,
+    which: bundles.RobotOptions,
+    under: bundles.ConditionOptions,
     as_json: options.AsJson = False,
     out: Annotated[Path | None, writes_csv("Write the table.")] = None,
     drawing: bundles.Drawing,

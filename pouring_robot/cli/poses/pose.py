@@ -5,9 +5,9 @@ from pouring_robot.cli.shared import bundles, options
 
 def pose(
     *,
-    commanded: bundles.Commanded,
-    which: bundles.Which,
-    under: bundles.Under,
+    commanded: bundles.CommandOptions,
+    which: bundles.RobotOptions,
+    under: bundles.ConditionOptions,
     as_json: options.AsJson = False,
     drawing: bundles.Drawing,
     heat: bundles.Heat,

@@ -92,7 +92,7 @@ def thermal(
         ),
     ] = None,
     every_min: Annotated[float | None, opt("Rows of a shift (default: those of its file).", metavar="MIN")] = None,
-    which: bundles.Which,
+    which: bundles.RobotOptions,
     melt: bundles.Melt,
     conduction_only: Annotated[
         bool, opt("Leave radiation out, as the paper's first analysis does.", "--conduction-only")

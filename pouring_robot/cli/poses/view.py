@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 def view(
     *,
-    commanded: bundles.Commanded,
-    which: bundles.Which,
-    under: bundles.Under,
+    commanded: bundles.CommandOptions,
+    which: bundles.RobotOptions,
+    under: bundles.ConditionOptions,
     path: Annotated[Path | None, reads("Play the poses of a table.", "POSES.csv")] = None,
     campaign: Annotated[Path | None, reads("Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
@@ -64,7 +64,7 @@ def view(
     options.say("closed; nothing is left running")
 
 
-def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None) -> RobotBench:
+def _bench(robot: Robot, commanded: bundles.CommandOptions, exaggerate: float | None) -> RobotBench:
     """Return the sliders of a robot, and the melt's where it carries one."""
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.pouring_robot import PouringRobot
@@ -77,8 +77,8 @@ def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None)
     return RobotBench(robot, location, exaggerate)
 
 
-def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: float | None) -> Scene:
-    from pouring_robot.robot.view.scene import pose_scene
+def _path_scene(robot: Robot, path: Path, under: bundles.ConditionOptions, exaggerate: float | None) -> Scene:
+    from pouring_robot.robot.view.nominal_and_actual import pose_scene
 
     commands = under.read_commands(robot, path)
     robots, notes = under.robots(robot, commands, path)
@@ -87,9 +87,9 @@ def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: floa
     return pose_scene(found, exaggerate)
 
 
-def _campaign_scene(file: Path, which: bundles.Which) -> Scene:
+def _campaign_scene(file: Path, which: bundles.RobotOptions) -> Scene:
     from pouring_robot.campaign.data import Campaign
-    from pouring_robot.diagnosis.report.scene import campaign_scene
+    from pouring_robot.diagnosis.report.modelled_and_measured import campaign_scene
 
     model = which.read()
     with progress.stage_bars() as show:

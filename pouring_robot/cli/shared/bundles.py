@@ -31,7 +31,7 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
-class Which:
+class RobotOptions:
     """The robot that is meant."""
 
     model: options.ModelFile = None
@@ -68,7 +68,7 @@ class Which:
 
 
 @dataclass(frozen=True)
-class Commanded:
+class CommandOptions:
     """What it is sent to."""
 
     at_mm: options.AtMm = None
@@ -79,7 +79,7 @@ class Commanded:
     @property
     def given(self) -> bool:
         """Whether any option says."""
-        return self != Commanded()
+        return self != CommandOptions()
 
     def of(self, robot: Robot) -> Command:
         """Return the command as this robot takes it."""
@@ -107,7 +107,7 @@ class Commanded:
 
 
 @dataclass(frozen=True)
-class Under:
+class ConditionOptions:
     """Under which conditions it works."""
 
     condition: Annotated[
@@ -300,7 +300,7 @@ class Drawing:
         drawn, notes = self.joint_table(rows), self.tree_notes(rows, tips_m, model, warm=warm)
         if self.html or self.png:
             # The drawing libraries take half a second to import; only commands that draw pay for it.
-            from pouring_robot.robot.view.scene import pose_scene
+            from pouring_robot.robot.view.nominal_and_actual import pose_scene
             from pouring_robot.viewer.page import page
             from pouring_robot.viewer.picture import png
 

@@ -37,7 +37,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
     refuse_present([folder / name for name in (METRICS, REPORT)], overwrite=overwrite)  # before the work
     files: dict[Path, bytes | str] = {}
     with forked(lambda: _plots(diagnosis)) as drawn:
-        from pouring_robot.diagnosis.report.scene import ladle_scene
+        from pouring_robot.diagnosis.report.modelled_and_measured import ladle_scene
         from pouring_robot.viewer.page import page
 
         files[folder / MODEL] = described(diagnosis).file_text(folder)

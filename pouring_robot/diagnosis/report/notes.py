@@ -6,11 +6,11 @@ import numpy as np
 
 from pouring_robot.checks.flags import FlagCode, where
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.effects.gaps import rows_without
+from pouring_robot.effects.missing_cells import rows_without
 from pouring_robot.estimation.kinds import KINDS
 from pouring_robot.estimation.noise import LEAST_FACTOR, repeats
+from pouring_robot.inference.gaussian_processes.processes import CHANCE
 from pouring_robot.inference.priors import WORKMANSHIP_LEVELS
-from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.search import impossible_effects
 from pouring_robot.mechanism.arrays import Indices
 

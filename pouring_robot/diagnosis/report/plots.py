@@ -20,7 +20,7 @@ from pouring_robot.estimation.kinds import KINDS, are, component_name, component
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.io.units import MM
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenly_spaced
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
@@ -53,7 +53,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
 def _shown(diagnosis: Conclusions) -> BoolArray:
     """Return which rows are drawn, shape (n,): all, or an even choice of many."""
     count = len(diagnosis.rows)
-    return np.isin(np.arange(count), evenly(count, _MOST_ROWS))
+    return np.isin(np.arange(count), evenly_spaced(count, _MOST_ROWS))
 
 
 def _gap(diagnosis: Conclusions) -> str:
@@ -184,7 +184,7 @@ def _signatures(diagnosis: Conclusions) -> str:
 def _shape_panel(axes: Any, shape: Shape, deviations: float) -> None:
     """Draw what the campaign says of an effect's shape, within so many deviations (95 %), and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
-    order = order[evenly(order.size, _MOST_ROWS)]
+    order = order[evenly_spaced(order.size, _MOST_ROWS)]
     over, learned = shape.axis.values[order], shape.learned[order]
     error = deviations * shape.std[order]
     axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="95 %")
@@ -270,7 +270,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     left.legend(fontsize=8, loc="best")
     values = np.sort(linear.residual)
     expected = ndtri((np.arange(values.size) + 0.5) / values.size)
-    drawn = evenly(values.size, _MOST_ROWS)
+    drawn = evenly_spaced(values.size, _MOST_ROWS)
     right.plot(expected[drawn], values[drawn], ".", color=AFTER, markersize=3)
     right.plot(expected, expected, color="black", linewidth=0.7)
     right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")

@@ -21,8 +21,8 @@ from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, component_shown_in, unit_of
 from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.gaussian_processes.processes import CHANCE
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
-from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.robot.description.cause_types import AxisTilt

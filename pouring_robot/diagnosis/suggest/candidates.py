@@ -22,8 +22,8 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.inference.gaussian_processes.processes import Part, columns_of
 from pouring_robot.inference.problem import Explanation, Nuisance, Problem, Workmanship
-from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import reference_degC
 from pouring_robot.io.units import MM
@@ -139,7 +139,7 @@ def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: BoolArr
 Item = TypeVar("Item", Explanation, Workmanship)
 
 
-class Prospect:
+class PredictedMeasurements:
     """Explanations of a campaign, with what they would predict of possible measurements."""
 
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.suggest.candidates import Prospect
+from pouring_robot.diagnosis.suggest.candidates import PredictedMeasurements
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import Scale
+from pouring_robot.inference.gaussian_processes.discrepancy import Challenge, Structure
+from pouring_robot.inference.gaussian_processes.processes import CHANCE
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Explanation
-from pouring_robot.inference.processes import CHANCE
 
 MOST_RIVALS = 3
 NOTHING = "nothing"
@@ -38,7 +38,7 @@ Contest = tuple[list[Contender], list[tuple[int, int]]]
 """Explanations to be told apart, the best first, and which to tell from which, by index."""
 
 
-def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
+def contest(diagnosis: Findings, prospect: PredictedMeasurements) -> Contest:
     """Return what is to be told apart.
 
     Of a group its members, of a named effect the next best ones, of something unknown the best descriptions; where
@@ -89,7 +89,7 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle
     return sorted(found, key=lambda c: -c.log_evidence)
 
 
-def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
+def _descriptions(diagnosis: Findings, prospect: PredictedMeasurements, best: Hypothesis) -> list[Contender]:
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
     named: list[tuple[Structure | Challenge, Hypothesis]] = [(found, best) for found in judgement.structures]
@@ -108,7 +108,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
 
 
-def _hidden(best: Hypothesis, prospect: Prospect, idle: Collection[str]) -> list[Contender]:
+def _hidden(best: Hypothesis, prospect: PredictedMeasurements, idle: Collection[str]) -> list[Contender]:
     """Return the effects that would be seen least if they were as large as usual: those tested worst."""
     seen: dict[str, tuple[float, Explanation]] = {}
     for item in prospect.problem.explanations:

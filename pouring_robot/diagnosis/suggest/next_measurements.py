@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.suggest.candidates import SESSION, Candidates, Prospect, candidates, in_mm_deg
+from pouring_robot.diagnosis.suggest.candidates import SESSION, Candidates, PredictedMeasurements, candidates, in_mm_deg
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import LOAD, Conditions
@@ -191,7 +191,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
     if diagnosis.rows.measured.others:
         raise BadInputError("poses are chosen for devices that see places or poses, not for distances and closures")
     possible = candidates(diagnosis.rows.campaign, diagnosis.model, MOST_COUNT, seed)
-    prospect = Prospect(diagnosis, possible)
+    prospect = PredictedMeasurements(diagnosis, possible)
     contenders, pairs = contest(diagnosis, prospect)
     if not pairs:
         return Suggestion((), (), 0.0, advice=advice, seed=seed)
@@ -230,7 +230,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
     return Suggestion(tuple(measurements), separations, together, total(at_random), advice=advice, seed=seed)
 
 
-def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
+def _prediction(contender: Contender, prospect: PredictedMeasurements) -> Prediction:
     """Return what a contender, fitted to the campaign, predicts of the candidates."""
     hypothesis = contender.hypothesis
     mean, covariance = hypothesis.coefficients()

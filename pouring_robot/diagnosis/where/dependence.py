@@ -12,10 +12,10 @@ from pouring_robot.diagnosis.where.ranks import rank_correlation
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.estimation.intervals import value_and_half_width
-from pouring_robot.inference.discrepancy import Discrepancy, Summand
+from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy, Summand
+from pouring_robot.inference.gaussian_processes.processes import CHANCE
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
-from pouring_robot.inference.processes import CHANCE
 from pouring_robot.inference.thresholds import Thresholds
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import rms

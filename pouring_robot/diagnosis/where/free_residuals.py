@@ -11,8 +11,8 @@ import numpy as np
 from pouring_robot.estimation.kinds import are, kinds_of
 from pouring_robot.estimation.noise import LEAST_NOISE, NoiseLevel, noise_ratio, p_value
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.inference.gaussian_processes.processes import Channel
 from pouring_robot.inference.problem import Nuisance
-from pouring_robot.inference.processes import Channel
 from pouring_robot.io.figures import two_digits
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices

@@ -30,7 +30,7 @@ _NO_FORCE = 1e-9  # N, Nm: what round-off makes of the force on a drive that car
 
 
 @dataclass(eq=False)
-class Zero(Family):
+class ZeroOffset(Family):
     """Constant error of drives."""
 
     driven_by: str = "position_m"  # condition that must vary so that it shows
@@ -55,7 +55,7 @@ class Zero(Family):
 
 
 @dataclass(eq=False)
-class Scale(Family):
+class DriveScale(Family):
     """Error in proportion to the stroke of sliding drives: another lead, another gear; perhaps with a build-up."""
 
     middle_m: float = 0.0  # of the stroke; at 0 it counts from there
@@ -267,7 +267,7 @@ class Periodic(Family):
 
 
 @dataclass(eq=False)
-class LostMotion(Family):
+class Backlash(Family):
     """Lost motion, by the side a drive was approached from."""
 
     middle_m: float = 0.0  # of the stroke of sliding drives

@@ -8,12 +8,12 @@ import numpy as np
 from pouring_robot.effects.base import EffectParameter, Family, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.io.units import MM, MRAD
-from pouring_robot.robot.tolerances import Kinds, Tolerances
+from pouring_robot.robot.tolerances import Tolerances, TolerancesByKind
 
 Parameters = tuple[EffectParameter, ...]
 
 
-def _usual(conditions: Conditions) -> Kinds:
+def _usual(conditions: Conditions) -> TolerancesByKind:
     """Return usual sizes: the tolerances of parts that nobody has measured."""
     return Tolerances.of(conditions.robot).kinds
 
@@ -60,7 +60,7 @@ def together(found: Mapping[str, Parameters]) -> Parameters:
 
 
 @dataclass(eq=False)
-class Centres(Family):
+class JointCentres(Family):
     """Joints displaced."""
 
     driven_by: str = ""  # condition that must vary so that it shows
@@ -80,7 +80,7 @@ class Centres(Family):
 
 
 @dataclass(eq=False, kw_only=True)
-class Tilts(Family):
+class AxisTilts(Family):
     """Axes tilted."""
 
     driven_by: str = ""  # condition that must vary so that it shows

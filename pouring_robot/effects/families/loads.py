@@ -27,7 +27,7 @@ def _at(load: float, unit: str) -> str:
     return f"at {load / 1e3:g} k{unit}" if load >= 1e3 else f"at {load:g} {unit}"
 
 
-def _contact(load: FloatArray) -> FloatArray:
+def _hertzian(load: FloatArray) -> FloatArray:
     """Return how contacts of balls or teeth yield: with the power 2/3."""
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
 
@@ -77,7 +77,7 @@ class _Yielding(Family):
 
 
 @dataclass(eq=False, kw_only=True)
-class Stretch(_Yielding):
+class AxialCompliance(_Yielding):
     """Sliding drives stretch under the force along them."""
 
     length_m: float  # of a rod that stretches as much by itself
@@ -91,7 +91,7 @@ class Stretch(_Yielding):
         stiffening = EffectParameter("stiffening", f"mm{at}", _LATER, changes(pull * np.abs(pull)), main=False)
         share = EffectParameter("rod_share", f"mm{at}", 0.3, changes(rod - pull), main=False)
         found = []
-        for name, course in {"rod": rod, "nut": pull, "contact": _contact(pull)}.items():
+        for name, course in {"rod": rod, "nut": pull, "contact": _hertzian(pull)}.items():
             main = EffectParameter("stretch", f"mm{at}", 1.0, changes(course), bounds=(0.0, np.inf))
             each = zip(self.drives, course.T, strict=True)
             own = (of_drive(d, "difference", _OWN, c, main=False, per=at) for d, c in each)
@@ -100,7 +100,7 @@ class Stretch(_Yielding):
 
 
 @dataclass(eq=False, kw_only=True)
-class Spring(_Yielding):
+class TorsionalCompliance(_Yielding):
     """Turning drives yield to the moment on them."""
 
     # moment that each drive is made for, in Nm; by default alike. Of like shape and material at like stress, gears wind
@@ -116,7 +116,7 @@ class Spring(_Yielding):
         """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
         moments = np.asarray(conditions.drive_force)[:, conditions.places(self.drives)] / self.load
         unit = f"mrad {_at(self.load, 'Nm')}"
-        courses = {"spring": moments, "contact": _contact(moments)}
+        courses = {"spring": moments, "contact": _hertzian(moments)}
         later = {"cubic": moments**3, "quadratic": moments * np.abs(moments)}
         found = []
         for form, course in courses.items():
@@ -134,7 +134,7 @@ class Spring(_Yielding):
 
 
 @dataclass(eq=False, kw_only=True)
-class Bearing(Family):
+class BearingCompliance(Family):
     """Joints of an open chain tilt under the moment of what they carry: their bearings and the links that hold them.
 
     A sliding joint is a beam that is drawn out: how far it tilts hangs on how far it is out, too.
@@ -185,7 +185,7 @@ class Bearing(Family):
 
 
 @dataclass(eq=False, kw_only=True)
-class Deflection(Family):
+class BeamDeflection(Family):
     """The base sinks and rolls with its place along a beam, and with the load."""
 
     travel: str  # condition that says where it stands

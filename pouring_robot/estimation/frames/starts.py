@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.io.seeds import FRAMES_SEED
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly_spaced
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_matrices, skew
 
 FEWEST_FOR_FRAMES = 6  # rows that a fit of the frames needs at the least
@@ -43,7 +43,7 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     Poses of the moving platform in the fixed one are complete; of those measured, of the target in the tracker frame,
     rotations are NaN where missing.
     """
-    chosen = evenly(len(poses), _MOST_ROWS)
+    chosen = evenly_spaced(len(poses), _MOST_ROWS)
     there, seen = poses[chosen], measured[chosen]
     middle, centre = np.median(seen.position_m, axis=0), np.median(there.position_m, axis=0)
     # All rows, and sets of six drawn at random.

@@ -76,7 +76,7 @@ class Placements:
 
 
 @dataclass(frozen=True)
-class Words:
+class PartNames:
     """What parts of a robot are called in sentences."""
 
     base: str = "base"  # the body that carries the robot
@@ -97,7 +97,7 @@ class Causes:
     thermometers: tuple[Thermometers, ...]  # in the order they are spoken of
     # which thermometer tells how warm a drive is, by joint
     drive_thermometers: Mapping[str, str] = field(default_factory=dict)
-    words: Words = field(default_factory=Words)
+    words: PartNames = field(default_factory=PartNames)
     # of the axes that carry it: what to record and which measurement shows what depends on it, by name
     travel_words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     own_weight: bool = True  # whether the links' own weight counts among what drives carry

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pouring_robot.batch.samples import BatchCommand, BatchStart
+from pouring_robot.batch.records import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.io.given import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.records import BatchClosure
 from pouring_robot.batch.structure import Structure
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.tables import csv_text

@@ -6,9 +6,9 @@ from pouring_robot.robot.description.cause_types import (
     AxisTilt,
     CauseEntry,
     Causes,
+    PartNames,
     Placements,
     Thermometers,
-    Words,
 )
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS, SEATS
 
@@ -146,7 +146,7 @@ CAUSES = Causes(
         ),
     ),
     drive_thermometers=dict(zip(_LEGS, LEGS, strict=False)),
-    words=Words(
+    words=PartNames(
         base="fixed platform",
         body="platform",
         moved="ladle",

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pouring_robot.batch.samples import BatchCommand, BatchStart
+from pouring_robot.batch.records import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.given import expect
 from pouring_robot.io.units import MM

@@ -146,7 +146,7 @@ def _say(entry: CommentedMap, value: Any, unit: str, whose: str) -> None:
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedLayout:
     """What a layout makes of its workspace."""
 
     poses: int  # how many were looked at
@@ -158,7 +158,7 @@ class Checked:
     singular: bool  # whether the platform is not held somewhere, or on the other side of such a place
 
 
-def checked(layout: NewLayout) -> Checked:
+def checked(layout: NewLayout) -> CheckedLayout:
     """Look whether a layout reaches its workspace, and is held everywhere in it."""
     poses = layout.poses
     joints, factors = layout.joints(poses), {"mm": 1.0 / MM, "rad": 1.0}
@@ -180,7 +180,7 @@ def checked(layout: NewLayout) -> Checked:
     needed = (float(joints[..., 2].min()) / MM, float(joints[..., 2].max()) / MM)
     figures = float(np.median(amplified)), float(amplified.max())
     singular = bool(figures[1] > _HELD or (sides != sides[0]).any())
-    return Checked(len(poses), int(within.sum()), beyond, needed, figures, place, singular)
+    return CheckedLayout(len(poses), int(within.sum()), beyond, needed, figures, place, singular)
 
 
 _HELD = 100.0
@@ -199,7 +199,7 @@ def _slopes(layout: NewLayout, poses: FloatArray) -> FloatArray:
     return np.stack(columns, axis=-1)
 
 
-def check_lines(found: Checked) -> list[str]:
+def check_lines(found: CheckedLayout) -> list[str]:
     """Return what was found of a layout, in sentences."""
     low, high = found.needed_mm
     lines = [f"the workspace needs legs of {low:.1f} to {high:.1f} mm"]

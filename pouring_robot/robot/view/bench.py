@@ -18,7 +18,7 @@ from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameter_catalogue import Parameter
 from pouring_robot.robot.robot import Robot
-from pouring_robot.robot.view.scene import at_location, pose_scene
+from pouring_robot.robot.view.nominal_and_actual import at_location, pose_scene
 from pouring_robot.viewer import Scene
 from pouring_robot.viewer.page import film
 
@@ -28,7 +28,7 @@ _Shown = Annotated[pydantic.FiniteFloat, pydantic.Field(ge=-LARGEST, le=LARGEST)
 _LARGEST = {"mm": 2.0, "mrad": 10.0}
 
 
-class Wish(StrictModel):
+class PageRequest(StrictModel):
     """What a page asks."""
 
     commanded: str  # the group of sliders that says where the robot stands: the one moved last
@@ -82,7 +82,7 @@ class RobotBench:
     def answer(self, wanted: Any) -> dict[str, Any]:
         """Return where everything stands for what a page asks, or why it cannot stand there."""
         try:
-            wish = Wish.model_validate(wanted)
+            wish = PageRequest.model_validate(wanted)
             location = self.located(self._with_errors(wish.errors), wish)
         except PouringRobotError as problem:
             return {"refused": str(problem)}
@@ -90,11 +90,11 @@ class RobotBench:
             return {"refused": f"the page asked for what there is not: {problem.errors()[0]['msg']}"}
         return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
 
-    def located(self, robot: Robot, wish: Wish) -> Location:
+    def located(self, robot: Robot, wish: PageRequest) -> Location:
         """Return where a robot stands for what a page asks."""
         return robot.location_of(self.command(robot, wish))
 
-    def command(self, robot: Robot, wish: Wish) -> Any:
+    def command(self, robot: Robot, wish: PageRequest) -> Any:
         """Return the command of a wish: the drives where they were moved last, otherwise the pose if there is one."""
         group = DRIVES if wish.commanded == DRIVES or POSE not in self._axes else POSE
         missing = [axis.heading for axis in self._axes[group] if axis.heading not in wish.values]

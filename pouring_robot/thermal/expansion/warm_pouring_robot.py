@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch.samples import BatchClosure, BatchStart
+from pouring_robot.batch.records import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.given import as_tuple, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing

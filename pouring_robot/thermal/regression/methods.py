@@ -25,7 +25,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorTable
-from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
+from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, ResidualStatistics
 
 NONE, PAPER, COMPONENTS, MEAN, POSE = "none", "paper", "components", "mean", "pose"
 METHODS = {
@@ -62,15 +62,18 @@ def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector:
     return lines
 
 
-def judge(lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positions | None = None) -> dict[str, Remains]:
+def judge(
+    lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positions | None = None
+) -> dict[str, ResidualStatistics]:
     """Return what each line leaves of a table's errors."""
     where = None if positions is None else positions.values
     return {
-        name: Remains.of(judged.errors - line.predict(judged.temperatures_K, where)) for name, line in lines.items()
+        name: ResidualStatistics.of(judged.errors - line.predict(judged.temperatures_K, where))
+        for name, line in lines.items()
     }
 
 
-def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, Remains]:
+def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ResidualStatistics]:
     """Return what each method leaves of sets that it has not seen: each set is left out once."""
     count, inputs = len(table.names), positions.names if positions is not None else ()
     if count < 3 + len(inputs):
@@ -86,4 +89,4 @@ def left_out(table: ErrorTable, positions: Positions | None = None, **selector: 
         own = None if positions is None else positions.values[[k]]
         for method, line in lines.items():
             residuals.setdefault(method, []).append(table.errors[:, [k]] - line.predict(table.temperatures_K, own))
-    return {method: Remains.of(np.concatenate(found, axis=1)) for method, found in residuals.items()}
+    return {method: ResidualStatistics.of(np.concatenate(found, axis=1)) for method, found in residuals.items()}

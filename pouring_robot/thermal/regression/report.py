@@ -28,7 +28,7 @@ from pouring_robot.thermal.regression.thermal_model import (
     AxisModel,
     ErrorLine,
     Positions,
-    Remains,
+    ResidualStatistics,
     ThermalModel,
 )
 
@@ -42,8 +42,8 @@ class AxisRegression:
     table: ErrorTable  # its error sets
     model: JointRegression  # the paper's, weighed by equation 21
     lines: dict[str, ErrorLine]  # every method
-    fitted: dict[str, Remains]  # what each leaves of the table it was fitted to
-    unseen: dict[str, Remains]  # what each leaves of sets left out one at a time
+    fitted: dict[str, ResidualStatistics]  # what each leaves of the table it was fitted to
+    unseen: dict[str, ResidualStatistics]  # what each leaves of sets left out one at a time
     method: str  # the one to use
 
     @classmethod
@@ -104,7 +104,7 @@ class AxisRegression:
         """Return everything, ready for JSON; errors in mm or mrad."""
         selector, regression, names = self.model.selector_, self.model.component_regression_, self.table.names
 
-        def remains(found: dict[str, Remains]) -> dict[str, dict[str, float]]:
+        def remains(found: dict[str, ResidualStatistics]) -> dict[str, dict[str, float]]:
             return {name: {k: v * 1e3 for k, v in vars(left).items()} for name, left in found.items()}
 
         return {

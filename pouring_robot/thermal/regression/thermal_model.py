@@ -94,7 +94,7 @@ def _with_ones(columns: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Remains:
+class ResidualStatistics:
     """What a prediction leaves of errors, in m or rad: mean, sample standard deviation and RMS of all residuals."""
 
     mean: float

@@ -41,7 +41,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.methods import fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
-from pouring_robot.thermal.regression.thermal_model import Remains
+from pouring_robot.thermal.regression.thermal_model import ResidualStatistics
 
 AMBIENT_K = 293.15
 MELT_K = 1973.15
@@ -109,7 +109,7 @@ def draw_table(random: np.random.Generator, design: TableDesign | None = None) -
     return SyntheticTable(draw(1, "P"), draw(design.left_out_per_pose, "L"), expected * heat)
 
 
-def compare(table: ErrorTable, left_out: ErrorTable | None = None) -> dict[str, Remains]:
+def compare(table: ErrorTable, left_out: ErrorTable | None = None) -> dict[str, ResidualStatistics]:
     """Return what every method leaves of poses it has not seen.
 
     Args:
@@ -181,7 +181,7 @@ def count_beaten(
         drawn = draw_table(random, design)
         figures = {name: left.spread for name, left in compare(drawn.table, None if within else drawn.left_out).items()}
         if not within:
-            figures["oracle"] = Remains.of(drawn.left_out.errors - drawn.expected_m[:, None]).spread
+            figures["oracle"] = ResidualStatistics.of(drawn.left_out.errors - drawn.expected_m[:, None]).spread
         del figures["none"]
         first, *others = (spread for name, spread in figures.items() if name.startswith("single"))
         for name, spread in figures.items():

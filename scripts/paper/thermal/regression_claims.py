@@ -12,7 +12,7 @@ from pouring_robot.io.units import MM
 from pouring_robot.thermal.regression.joint_model import EXPLAINED_SHARE, PrincipalComponentRegression
 from pouring_robot.thermal.regression.methods import COMPONENTS, HELPS_BELOW, PAPER
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT
-from pouring_robot.thermal.regression.thermal_model import Remains
+from pouring_robot.thermal.regression.thermal_model import ResidualStatistics
 from scripts.paper.claims import Claim, judge
 from scripts.paper.tables import load_tables
 from scripts.paper.thermal.regression import compare, joint_of
@@ -225,7 +225,7 @@ def lost_tables(study: ThermalStudy) -> Claim:
     )
 
 
-def _words(study: ThermalStudy, found: dict[str, Remains], method: str) -> str:
+def _words(study: ThermalStudy, found: dict[str, ResidualStatistics], method: str) -> str:
     """Return mean and spread of single sets and of a method, in mm."""
     singles = [name for name in found if name.startswith("single")]
     named = dict(zip(singles, (f"{name} alone" for name in study.sensitive("X")), strict=True)) | {method: "P_end"}
@@ -237,7 +237,7 @@ def _words(study: ThermalStudy, found: dict[str, Remains], method: str) -> str:
     )
 
 
-def _figures(found: dict[str, Remains]) -> dict[str, dict[str, float]]:
+def _figures(found: dict[str, ResidualStatistics]) -> dict[str, dict[str, float]]:
     return {
         f"{name}_mm": {"mean": left.mean / MM, "spread": left.spread / MM, "rms": left.rms / MM}
         for name, left in found.items()

@@ -28,7 +28,7 @@ from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
-from pouring_robot.thermal.regression.thermal_model import Positions, Remains
+from pouring_robot.thermal.regression.thermal_model import Positions, ResidualStatistics
 from scripts.paper.tables import load_tables
 from scripts.paper.thermal.regression import joint_of
 
@@ -121,7 +121,7 @@ class Draw:
     beaten: dict[str, tuple[bool, bool]]
 
 
-def beaten(found: Mapping[str, Remains]) -> dict[str, tuple[bool, bool]]:
+def beaten(found: Mapping[str, ResidualStatistics]) -> dict[str, tuple[bool, bool]]:
     """Return by method whether it leaves less spread, and a mean nearer zero, than every single set."""
     singles = [left for name, left in found.items() if name.startswith("single")]
     return {
@@ -183,7 +183,7 @@ class ThermalStudy:
         """How o is moved at the hottest melt, shape (10, 3), in m."""
         return np.asarray(self.moved[-1])
 
-    def unseen(self, axis: str) -> dict[str, Remains]:
+    def unseen(self, axis: str) -> dict[str, ResidualStatistics]:
         """Return what every method leaves of the poses left out."""
         lines = fit_lines(self.tables[axis], positions_of(self.poses))
         return judge(lines, self.judged[axis], positions_of(self.others))

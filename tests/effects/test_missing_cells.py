@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.effects.gaps import filled_in, rows_without
+from pouring_robot.effects.missing_cells import filled_in, rows_without
 
 
 def test_a_condition_is_not_carried_on_long_after_its_last_value(bench):

@@ -9,7 +9,7 @@ from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.summary import notes_of, warnings_of
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.robot.robot import Robot
-from tests.calibration.test_unfitting import arm_as_built
+from tests.calibration.test_outliers import arm_as_built
 from tests.campaign.simulated import measure
 from tests.robot.test_definition import ROBOTS
 

@@ -25,7 +25,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.robot.view.scene import drawn_robot, exaggeration_for, frame_places
+from pouring_robot.robot.view.nominal_and_actual import drawn_robot, exaggeration_for, frame_places
 from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
 
@@ -41,7 +41,7 @@ _NOISE = 30.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeenState:
+class ModelledState:
     """A robot held against what was measured; poses of the end body in the base, NaN where a row has none."""
 
     name: str  # what it is
@@ -70,18 +70,18 @@ def _inside(frames: OuterFrames, rotation: FloatArray, position_m: FloatArray) -
     return np.asarray(outer @ seen @ inner)
 
 
-def seen_states(diagnosis: Conclusions) -> list[SeenState]:
+def seen_states(diagnosis: Conclusions) -> list[ModelledState]:
     """Return the drawing, the model given where it is another, and the amended model where there is one."""
     rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.after
-    given = SeenState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
+    given = ModelledState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
     states = _drawing_and(given, rows)
     if diagnosis.changed:
         changes = rows.changes(after.parameters, after.values)
-        states.append(SeenState.of("amended model", rows, changes, after.frames))
+        states.append(ModelledState.of("amended model", rows, changes, after.frames))
     return states
 
 
-def _drawing_and(given: SeenState, rows: CampaignRows) -> list[SeenState]:
+def _drawing_and(given: ModelledState, rows: CampaignRows) -> list[ModelledState]:
     """Return the drawing before a given model, or the drawing alone where the model is no more than that."""
     if rows.model.is_drawing and not rows.model.effects:
         return [dataclasses.replace(given, name="drawing")]
@@ -90,9 +90,9 @@ def _drawing_and(given: SeenState, rows: CampaignRows) -> list[SeenState]:
     return [_as_given("drawing", drawn), given]
 
 
-def _as_given(name: str, rows: CampaignRows) -> SeenState:
+def _as_given(name: str, rows: CampaignRows) -> ModelledState:
     """See the rows through frames that fit all of them best."""
-    return SeenState.of(name, rows, rows.unchanged(), rows.refined_frames(np.ones(len(rows), dtype=bool)))
+    return ModelledState.of(name, rows, rows.unchanged(), rows.refined_frames(np.ones(len(rows), dtype=bool)))
 
 
 def ladle_scene(diagnosis: Conclusions) -> Scene | None:
@@ -132,7 +132,7 @@ def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
     return _scene(rows, states, labels, axis="row") if labels else None
 
 
-def _everywhere(states: Sequence[SeenState]) -> Indices:
+def _everywhere(states: Sequence[ModelledState]) -> Indices:
     """Return the rows in which every state has a measured and a modelled pose."""
     both = np.array([state.model + state.measured for state in states])
     return np.flatnonzero(np.isfinite(both).all(axis=(0, 2, 3)))
@@ -146,7 +146,9 @@ def _sample(campaign: Campaign, row: int) -> str:
     return f"sample {campaign.samples[row]}" if campaign.samples[row] else f"line {campaign.lines[row]}"
 
 
-def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int, str], axis: str = "") -> Scene | None:
+def _scene(
+    against: CampaignRows, states: Sequence[ModelledState], labels: dict[int, str], axis: str = ""
+) -> Scene | None:
     """Return a scene of some rows, by their labels; None where nothing hangs on the end body."""
     campaign, model = against.campaign, against.model
     robot = robot_of(model)

@@ -11,9 +11,9 @@ from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.measurement import ModelledRows
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.splits import Split
-from pouring_robot.inference.gp_kernels import standardised
-from pouring_robot.inference.gross_errors import Seen, calm, gross_errors
-from pouring_robot.inference.hypotheses import deletion_residual
+from pouring_robot.inference.gaussian_processes.kernels import standardised
+from pouring_robot.inference.gross_errors import RowResiduals, calm, gross_errors
+from pouring_robot.inference.hypotheses import studentised_residual
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
@@ -22,7 +22,7 @@ def explains(fit: Fit) -> bool:
     return calm(fit.equations.residual)
 
 
-def unfitting_rows(
+def outlying_rows(
     campaign: Campaign, rows: ModelledRows, measured: MeasuredPoses, parts: Split, fit: Fit, gone: int
 ) -> Indices:
     """Return the rows of a campaign that are gross errors by what a fit to its training rows leaves, by index.
@@ -38,19 +38,19 @@ def unfitting_rows(
     courses = standardised(campaign.drives[kept]), known[:, None]
     used, _ = measured.among(parts.train)
     own, left = np.searchsorted(kept, used[fit.equations.rows]), fit.equations.residual
-    deleted = deletion_residual(left, 1.0 - fit.leverage)
+    deleted = studentised_residual(left, 1.0 - fit.leverage)
     asked, seen = measured.among(parts.test)
     ahead = whiten(seen, rows[asked].linearise(fit.unknowns))
     foretold = ahead.residual / np.sqrt(1.0 + ((ahead.derivatives @ fit.covariance) * ahead.derivatives).sum(axis=1))
-    beside = [Seen(left, own, ~held_out)], [Seen(deleted, own, ~held_out)]
+    beside = [RowResiduals(left, own, ~held_out)], [RowResiduals(deleted, own, ~held_out)]
     if calm(foretold):
         every = np.concatenate([own, np.searchsorted(kept, asked[ahead.rows])])
         for some in beside:
-            some.append(Seen(np.concatenate([some[0].left, foretold]), every, held_out))
+            some.append(RowResiduals(np.concatenate([some[0].left, foretold]), every, held_out))
     return kept[gross_errors(beside, gone, courses)]
 
 
-def unfitting_flags(campaign: Campaign, rows: Indices, off: FloatArray) -> tuple[DataFlag, ...]:
+def outlier_flags(campaign: Campaign, rows: Indices, off: FloatArray) -> tuple[DataFlag, ...]:
     """Return the findings of rows (k,) that are so many times the noise, (k,), from what the others make of them."""
     said = "gross error, {:.0f} times the noise from what the fit to the other rows makes of it"
     return tuple(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.inference.gp_kernels import cycling, separate, smooth, standardised, wandering
+from pouring_robot.inference.gaussian_processes.kernels import cycling, separate, smooth, standardised, wandering
 
 
 def kernel(columns):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 
 from pouring_robot.inference.evidence import eigen
-from pouring_robot.mechanism.arrays import FloatArray, evenly
+from pouring_robot.mechanism.arrays import FloatArray, evenly_spaced
 
 _NEGLIGIBLE = 1e-3
 _MOST_CYCLES, _BETWEEN_CYCLES = 50.0, 0.5
@@ -100,6 +100,6 @@ def separate(labels: NDArray[np.int64]) -> FloatArray:
 
 def row_by_row(count: int, most: int) -> scipy.sparse.csc_array:
     """Return a column for each of so many rows, at most some, evenly spread: of too many rows some show it, too."""
-    chosen = evenly(count, most)
+    chosen = evenly_spaced(count, most)
     shape = (count, len(chosen))
     return scipy.sparse.csc_array((np.ones(len(chosen)), (chosen, np.arange(len(chosen)))), shape=shape)

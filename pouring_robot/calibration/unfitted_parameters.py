@@ -17,7 +17,7 @@ from pouring_robot.robot.tolerances import Tolerances
 
 
 @dataclass(frozen=True, eq=False)
-class Dropped:
+class UnfittedParameters:
     """Parameters beside those of a fit, with what they do to it where they are off by their tolerances."""
 
     rows: ModelledRows  # all rows, with the parameters of the fit and behind them those dropped
@@ -33,7 +33,7 @@ class Dropped:
         training: tuple[Indices, MeasuredPoses],
         parameters: Sequence[GeometricParameter],
         tolerances: Tolerances,
-    ) -> Dropped:
+    ) -> UnfittedParameters:
         """Tell it of a fit, all rows, which of these were fitted to what was measured in them, and what was dropped.
 
         By linear least squares about the fit: what was kept moves in their place. Rows that are explained without them
