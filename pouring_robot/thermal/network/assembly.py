@@ -24,6 +24,7 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, lo
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.bodies import Bodies
 from pouring_robot.thermal.network.circuit import SOLVER, Circuit, grey_radiation, integrate, steady_temperatures
+from pouring_robot.thermal.network.conduction import add_nut_contact, constant_conductances
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.temperature_field import TemperatureField
@@ -66,7 +67,7 @@ class ThermalNetwork:
         per_bar = whole(per_bar, 1, "a bar needs a whole number of elements, at least 1")
         self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)
         self._disc = DiscChords.of(self.bodies.ladle.melt_radius_m)
-        self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
+        self._laplacian, self._melt_contact = constant_conductances(self.bodies)
         self._capacity = self.bodies.capacities()
 
     def steady(
@@ -128,13 +129,7 @@ class ThermalNetwork:
         bodies, properties = self.bodies, self.properties
         exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self.bodies.in_the_way_m)
         nodes, matrix = bodies.nodes, self._laplacian.copy()
-        contact = properties.contact.nut.value * exposure.touching_m2
-        for i in range(len(LEGS)):
-            rod, housing = np.split(nodes.legs[i], [bodies.grid.moving])
-            matrix[np.ix_(rod, housing)] -= contact[i]
-            matrix[np.ix_(housing, rod)] -= contact[i].T
-            matrix[rod, rod] += contact[i].sum(axis=1)
-            matrix[housing, housing] += contact[i].sum(axis=0)
+        add_nut_contact(bodies, matrix, exposure.touching_m2)
         area, view = bodies.area_m2.copy(), bodies.view_area_m2.copy()
         area[nodes.legs], view[nodes.legs] = exposure.area_m2, exposure.area_m2 * exposure.view_factor
         view[nodes.fixed_platform] = self._view_area(bodies.fixed, rotation, origin)

@@ -11,7 +11,6 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.circuit import chain_links, laplacian
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, LegGrid, link_boxes, merged
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
@@ -104,44 +103,6 @@ class Bodies:
     def cladding_m(self) -> float:
         """Thickness of the moving platform's cladding."""
         return self.properties.moving_platform.cladding_thickness.metres
-
-    def constant_laplacian(self) -> tuple[FloatArray, float]:
-        """Return the conductances between nodes that no pose changes, (n, n), and that between melt and lining, in W/K.
-
-        Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
-        hangers. What changes with the pose is only where the moving rod touches the fixed one.
-        """
-        nodes, grid, moving, fixed, ladle = self.nodes, self.grid, self.moving, self.fixed, self.ladle
-        entry, contact = self.entry, self.properties.contact
-        steel, insulation = (part.conductivity.value for part in (self.properties.steel, self.properties.insulation))
-        rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
-        drop, bearings = np.array([0.0, 0.0, entry.leg.foot_drop.metres]), entry.fixed_platform.bearing_offset.metres
-        # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
-        upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
-        links: list[tuple[int, int, float]] = []
-        for i in range(len(LEGS)):
-            rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
-            links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
-            foot = moving.nearest(entry.moving_centres.metres[i] - drop)
-            # The joint sits at the rod's end, half an element away from the node.
-            lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
-            links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
-            for side in (-1.0, 1.0):
-                bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
-                for head, share in zip(housing, upper_shares, strict=True):
-                    links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
-        for cells, numbers in ((moving, nodes.moving_platform), (fixed, nodes.fixed_platform)):
-            links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
-        for surface, cell in zip(nodes.cladding, nodes.clad_cells, strict=True):
-            across = insulation * float(self.area_m2[surface]) / self.cladding_m
-            links.append((int(surface), int(nodes.moving_platform[cell]), across))
-        trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
-        hangers = [int(nodes.moving_platform[moving.nearest(point)]) for point in ladle.trunnions_m]
-        links += [(nodes.shell, hanger, trunnion) for hanger in hangers]
-        layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / self.lining_m
-        links += chain_links(nodes.lining, layer)
-        links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
-        return laplacian(nodes.count, links), 2.0 * layer
 
     def capacities(self) -> FloatArray:
         """Return the heat capacity of every node, shape (n,), in J/K."""
