@@ -111,6 +111,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if heard():
             _complain("stopped")
             return ExitCode.STOPPED
+        if _of_a_package(error):
+            return ExitCode.BAD_INPUT
         _complain(_caught(error, given))
         return ExitCode.FAULT
 
@@ -144,7 +146,9 @@ def _run(given: list[str]) -> int:
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")
         return ExitCode.STOPPED
-    except (BrokenPipeError, SystemExit):
+    except (BrokenPipeError, SystemExit) as error:
+        if _of_a_package(error):
+            return ExitCode.BAD_INPUT
         # The reader (such as `head`) has gone, for which Click and Rich leave by SystemExit, as nothing else here does:
         # that is no failure; say nothing, and keep Python from saying it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -153,6 +157,18 @@ def _run(given: list[str]) -> int:
         _complain(f"cannot read or write: {error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.BAD_INPUT
+
+
+def _of_a_package(error: BaseException) -> bool:
+    """Say in a line which effect of another package failed, if it is one that did."""
+    if "pouring_robot.effects.available" not in sys.modules:  # no command has asked for any
+        return False
+    from pouring_robot.effects.available import failed_effect
+
+    if failed := failed_effect(error):
+        why = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+        _complain(f"{failed} fails: {why}; mend it, or leave it out by --exclude")
+    return bool(failed)
 
 
 def _caught(error: BaseException, arguments: Sequence[str]) -> str:

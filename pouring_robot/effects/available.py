@@ -9,6 +9,7 @@ Within this package an effect is of a family (:data:`FAMILIES`). Another package
 
 import functools
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -107,6 +108,15 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
         found[effect.id] = effect
     return found
+
+
+def failed_effect(problem: BaseException) -> str:
+    """Return which effect of another package an error was raised in, and where, in words; "" if in none."""
+    files = {getattr(sys.modules.get(e.module), "__file__", ""): e.name for e in _offered(entry_points, _places())}
+    for frame in reversed(traceback.extract_tb(problem.__traceback__)):
+        if frame.filename in files:
+            return f"the effect '{files[frame.filename]}' ({frame.filename}, line {frame.lineno})"
+    return ""
 
 
 def chosen_effects(robot: AnyRobot = None, exclude: str | Sequence[str] = ()) -> dict[str, Effect]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from pouring_robot.cli import app
+from tests.effects.plugins import installed
 from tests.support import ROOT
 
 
@@ -78,3 +79,33 @@ def test_a_module_that_the_installation_has_lost(tmp_path):
     )
     assert done.returncode == 70
     assert done.stderr.count("\n") == 1
+
+
+FAILING = """
+from pouring_robot.effects import Effect
+
+
+class Failing(Effect):
+    id, story, needs = "failing", "a package's effect that fails", ()
+
+    def missing(self, conditions):
+        {how}
+
+    def forms(self, conditions):
+        return ()
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "said"), [("raise KeyError('q7')", "KeyError: 'q7'"), ("raise SystemExit", "SystemExit")]
+)
+def test_an_effect_of_a_package_is_named_where_it_fails(run, monkeypatch, tmp_path, how, said):
+    folder = installed(tmp_path / "site", "failing", FAILING.format(how=how), {"failing": "failing:Failing"})
+    monkeypatch.syspath_prepend(folder)
+    assert run("campaign", "simulate", "--random", "30", "--out", "measured.csv")[0] == 0
+    code, _, err = run("diagnose", "measured.csv", "--out", "found")
+    sys.modules.pop("failing", None)
+    assert (code, err.splitlines()[-1].count("'failing'")) == (2, 1), err
+    assert f"{folder / 'failing.py'}, line 9" in err
+    assert said in err
+    assert not (tmp_path / "found").exists()
