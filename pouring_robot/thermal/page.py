@@ -22,8 +22,7 @@ def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title:
 
     ``title``: how it was computed.
     """
-    figure = pose_picture(drawn, "") if isinstance(drawn, PoseHeat) else shift_picture(drawn, "")
-    plot = Plot("Temperatures, and what they move", svg_of(figure))
+    plot = Plot("Temperatures, and what they move", svg_of(picture(drawn, "")))
     return html_page("Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
 
 
@@ -115,6 +114,11 @@ def draw_moves(panel: Axes, heat: PoseHeat) -> None:
 
 
 @own_look()
+def picture(heat: PoseHeat | ShiftHeat, title: str) -> Any:
+    """Draw a pose or a shift under heat, as a figure of matplotlib."""
+    return pose_picture(heat, title) if isinstance(heat, PoseHeat) else shift_picture(heat, title)
+
+
 def pose_picture(heat: PoseHeat, title: str) -> Any:
     """Draw temperatures along the legs beside the deformation."""
     figure = new_figure(10.0, 4.2)

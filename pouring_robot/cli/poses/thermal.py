@@ -12,7 +12,10 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 if TYPE_CHECKING:
+    from pouring_robot.report.page import Block
+    from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
+    from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.displacement import MovedParts
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
@@ -78,6 +81,22 @@ class Moved:
             motion += TrussMotion.under_heat(drawing.layout, warm, heated.network.properties)
         return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)
 
+    def blocks(self, moved: MovedParts) -> list[Block]:
+        """Return how far every part moved, as it is printed."""
+        from pouring_robot.report.page import Paragraph, Table
+        from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
+
+        table = Table(MOVED_HEAD, moved.rows())
+        return [Paragraph(f"moved under {self.words}: mm"), table, Paragraph(moved.truss_line)]
+
+    def page(self, robot: PouringRobot, pose: PlatformPose, moved: MovedParts) -> str:
+        """Return a page with parts coloured by how far they moved."""
+        from pouring_robot.thermal.scene import displacement_scene
+        from pouring_robot.viewer.page import page
+
+        words = f"How far every part moves under {self.words}"
+        return page(displacement_scene(robot, moved.hall, words, robot.kinematics.configuration(pose)))
+
 
 def thermal(
     *,
@@ -111,11 +130,11 @@ def thermal(
     no part in a shift.
     """
     from pouring_robot.cli.shared.tables import print_blocks
-    from pouring_robot.report.page import Paragraph, Table
+    from pouring_robot.report.page import Paragraph
+    from pouring_robot.report.plots import png_of
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.thermal import page
-    from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat, heated_drawing
 
     ladle = options.with_melt(which.built(warm=True))
@@ -134,52 +153,53 @@ def thermal(
         temperature, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
         title = f"melt {temperature:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
-    told = page.blocks(found)
     field = None
     if moved.under is not None and pose is not None:
         with progress.stage_bars() as show:
             show("moving every part", 0, 0)
             field = moved.parts(heated, pose)
-        told += [Paragraph(f"moved under {moved.words}: mm"), Table(MOVED_HEAD, field.rows())]
-        told.append(Paragraph(field.truss_line))
-    measured, notes = heat.measured_degC if history is None else {}, list[str]()
-    if heat.measured_degC:
-        values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-        count = "take the place of computed ones in growth"
-        if history is not None:
-            count = "are of one moment and take no part in a shift"
-        notes.append(f"measured temperatures of the model file {count}: {values}")
-    told += [Paragraph(note) for note in notes]
+    notes = _on_measured(heat, of_shift=history is not None)
+    told = [*page.blocks(found), *(moved.blocks(field) if field else ()), *(Paragraph(note) for note in notes)]
     files: dict[Path, bytes | str] = {}
     if png:
-        from pouring_robot.report.plots import png_of
-
-        picture = page.pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else page.shift_picture(drawn, title)
-        files[png] = png_of(picture)
+        files[png] = png_of(page.picture(drawn, title))
     if report:
         files[report] = page.html_report(found, drawn, title, told)
-    if html is not None:
-        from pouring_robot.thermal.scene import displacement_scene, shift_scene
-        from pouring_robot.viewer.page import page as scene_page
-
-        if field is not None and pose is not None:
-            at, words = heated.robot.kinematics.configuration(pose), f"How far every part moves under {moved.words}"
-            files[html] = scene_page(displacement_scene(heated.robot, field.hall, words, at))
-        elif history is not None and isinstance(drawn, ShiftHeat):
-            words = f"How the melt of {history.name} warms the robot"
-            files[html] = scene_page(shift_scene(heated.robot, drawn, words))
+    if html is not None and field is not None and pose is not None:
+        files[html] = moved.page(heated.robot, pose, field)
+    elif html is not None and history is not None and isinstance(drawn, ShiftHeat):
+        files[html] = _shift_page(heated.robot, drawn, history)
     written = [found.save(csv, overwrite=options.OVERWRITE.get())] if csv else []
     written += options.write_all(files)
     if as_json:
-        figures: dict[str, Any] = found.figures() | ({"measured_degC": measured} if measured else {})
+        figures: dict[str, Any] = found.figures()
+        if history is None and heat.measured_degC:
+            figures["measured_degC"] = heat.measured_degC
         if field is not None:
-            figures |= {"displacement": {"under": moved.under, **field.figures()}}
+            figures["displacement"] = {"under": moved.under, **field.figures()}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only, "notes": notes}
         return options.print_figures(figures | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
     print_blocks(told)
     options.print_written(written)
+
+
+def _shift_page(robot: PouringRobot, shift: ShiftHeat, file: Path) -> str:
+    """Return a page that plays a shift, parts in the colours of their temperatures."""
+    from pouring_robot.thermal.scene import shift_scene
+    from pouring_robot.viewer.page import page
+
+    return page(shift_scene(robot, shift, f"How the melt of {file.name} warms the robot"))
+
+
+def _on_measured(heat: HeatSection, *, of_shift: bool) -> list[str]:
+    """Return how temperatures that the model file says were measured count, in a line if there are any."""
+    if not heat.measured_degC:
+        return []
+    values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
+    count = "are of one moment and take no part in a shift" if of_shift else "take the place of computed ones in growth"
+    return [f"measured temperatures of the model file {count}: {values}"]
 
 
 def _check(
