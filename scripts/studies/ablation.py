@@ -25,7 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis import diagnoser, searched
+from pouring_robot.diagnosis import cross_validation, diagnoser, searched
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES, processes_of
 from pouring_robot.diagnosis.library import known_effects
 from pouring_robot.inference import decision, evidence, hypotheses, priors, problem, search
@@ -120,6 +120,9 @@ CHOICES: dict[str, Callable[[], None]] = {
     "soft joints": _no_softness,
     "the search goes on from what was found": lambda: _put(
         diagnoser, "search", lambda problem, thresholds, *_: search.search(problem, thresholds)
+    ),
+    "what blocks held out in turn refute is unknown": lambda: _put(
+        cross_validation.CrossValidatedGap, "refuted", property(lambda self: "")
     ),
     "what is far behind at first is not tried": lambda: _put(search, "_BRANCH_BEHIND", np.inf),
 }
