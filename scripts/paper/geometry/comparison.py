@@ -13,7 +13,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.sensitivity.samples import AXES
 from scripts.paper.geometry.study import LENGTH_ERROR_M, POSITION_BOUNDARY_M, ErrorSamples, GeometryStudy, error_size
 
-_ALL_COLUMNS = ("ΔX mm", "ΔY mm", "ΔZ mm", "turn X mrad", "turn Y mrad", "turn Z mrad")
+_ALL_COLUMNS = ("ΔX mm", "ΔY mm", "ΔZ mm", "rotation X mrad", "rotation Y mrad", "rotation Z mrad")
 
 
 @dataclass(frozen=True)
@@ -113,18 +113,20 @@ class Lesson:
         """Return what to learn from it, for a study of this many errors."""
         x, y, z = self.ratios
         return [
-            f"Of {errors} errors, {self.over_1mm[0]} pass 1 mm in their open branch and {self.over_1mm[1]} in the "
-            f"closed chain; {self.over_10mm[0]} and {self.over_10mm[1]} pass the required 10 mm, each alone.",
-            f"Closing the loops multiplies what an error does by {x:.2f} in X, {y:.2f} in Y and {z:.2f} in Z "
+            f"Of {errors} errors, {self.over_1mm[0]} exceed 1 mm in their open branch and {self.over_1mm[1]} in the "
+            f"closed chain; {self.over_10mm[0]} and {self.over_10mm[1]} exceed the required 10 mm, each alone.",
+            f"Closing the loops multiplies the effect of an error by {x:.2f} in X, {y:.2f} in Y and {z:.2f} in Z "
             "(root mean square over errors and poses).",
-            f"Only the lean of the legs holds Y, {self.lean_m / MM:.0f} mm from upper to lower U joint: "
+            f"Only the inclination of the legs constrains Y, {self.lean_m / MM:.0f} mm from upper to lower U joint: "
             f"{LENGTH_ERROR_M / MM:g} mm on leg 1 (d4) move o by {self.leg_y_m / MM:.2f} mm in Y on average.",
             f"In the closed chain {listed_or_none(self.without_effect)} of chain 1 move o by less than 1e-3 mm: "
-            f"passive joints take them up. {self.weaker:.0%} of all errors move o less than in their branch.",
-            f"First order misses the exact closure by {self.first_order[0]:.3f} mm at most, where o moves by "
-            f"{self.first_order[1]:.1f} mm; with errors of a tenth by {self.first_order_tenth:.4f} mm: the difference "
-            f"falls with power {math.log10(self.first_order[0] / self.first_order_tenth):.2f} of the error.",
-            f"Rigid parts would not fit: up to {self.left_open[0]:.2f} µm and {self.left_open[1]:.2f} mrad stay open.",
+            f"passive joints compensate them. {self.weaker:.0%} of all errors move o less than in their branch.",
+            f"First order differs from the exact closure by {self.first_order[0]:.3f} mm at most, where o moves by "
+            f"{self.first_order[1]:.1f} mm; with errors a tenth as large by {self.first_order_tenth:.4f} mm. The "
+            "difference scales with power "
+            f"{math.log10(self.first_order[0] / self.first_order_tenth):.2f} of the error.",
+            f"Rigid parts would not fit: the closure residual is up to {self.left_open[0]:.2f} µm and "
+            f"{self.left_open[1]:.2f} mrad.",
         ]
 
 

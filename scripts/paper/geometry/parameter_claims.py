@@ -33,11 +33,11 @@ def eight_transforms(study: GeometryStudy) -> Claim:
     return Claim(
         "eight_transforms",
         "4.1, formula 1",
-        "O→0→1→2→3→4→5→6→o: eight transforms a chain, each of a, α, d, θ",
-        f"{listed(map(str, counts))} transforms, {total} parameters; their product misses o by {missed / MM:.0e} mm",
+        "O→0→1→2→3→4→5→6→o: eight transforms per chain, each of a, α, d, θ",
+        f"{listed(map(str, counts))} transforms, {total} parameters; their product gives o to {missed / MM:.0e} mm",
         judge(set(counts) == {8} and total == len(CHAINS) * 32 and missed < 1e-12),
-        "there are eight of four numbers, and their product gives every nominal pose to 1e-9 mm",
-        "the table is read off the URDF, nothing is typed in",
+        "each chain has eight of four numbers, and their product gives every nominal pose to 1e-9 mm",
+        "the table is computed from the URDF, nothing is entered by hand",
         figures={"transforms": counts, "parameters": total, "missed_mm": missed / MM},
     )
 
@@ -55,8 +55,8 @@ def meanings(study: GeometryStudy) -> Claim:
         or "each error has a physical meaning",
         f"joint whose placement each transform displaces: {text}; rows that disagree: {listed(off)}",
         judge(not off) if table else "cannot be checked",
-        "every row names a part that holds the joint which our transform displaces",
-        "errors of the 4-UPU chain are placements of its joints, so each lies on one part",
+        "every row names a part that holds the joint that our transform displaces",
+        "errors of the 4-UPU chain are errors of its joint placements, so each belongs to one part",
         figures={"joints": displaced, "disagree": off},
     )
 
@@ -70,8 +70,8 @@ def four_groups(study: GeometryStudy) -> Claim:
         "all geometric errors can be mapped to Δa, Δα, Δd, Δθ",
         f"rank of the closed chain's G: {alone} for the 128 errors, {both} with all 144 joint displacements added",
         judge(alone == both),
-        "displacements in all six directions of all 24 placements raise no rank",
-        "four numbers a transform describe any chain whose axes do not stay parallel",
+        "displacements of all 24 placements in all six directions do not increase the rank",
+        "four numbers per transform describe any chain whose axes do not stay parallel",
         figures={"rank_table": alone, "rank_with_placements": both},
     )
 
@@ -87,11 +87,11 @@ def drop_outs(study: GeometryStudy) -> Claim:
         "drop_outs",
         "4.2 (a), (b)",
         "aO0 αO0 d0 drop out of every chain; θ2 θ3 θ5 θ6 of chains 1–3, θ2 θ3 d4 θ5 of chain 4",
-        f"{len(found)} drop out, {len(found ^ expected)} of them others than the paper's; an error of a passive joint "
+        f"{len(found)} drop out, {len(found ^ expected)} of them not as in the paper; an error of a passive joint "
         f"moves o by {moved / MM:.0e} mm; rank of G {ranks.table} with, {ranks.kept} without them",
         judge(found == expected and ranks.kept == ranks.table and moved < POSITION_BOUNDARY_M),
-        "the same parameters drop out, an error of a passive joint moves nothing and the rank of G stays",
-        "found by which joints are driven; what a passive joint takes up is no error",
+        "the same parameters drop out, an error of a passive joint has no effect and the rank of G is the same",
+        "it follows from which joints are driven; what a passive joint compensates is no error",
         figures={
             "dropped": sorted(found),
             "rank_with": ranks.table,
@@ -117,11 +117,11 @@ def eight_or_nine(study: GeometryStudy) -> Claim:
     return Claim(
         "eight_or_nine",
         "4.2, Table 2",
-        "8–9 parameters a chain can be ignored",
+        "8–9 parameters per chain can be ignored",
         f"{listed(map(str, counts))} by the rules of section 4.2",
         judge(set(counts) <= {8, 9}),
-        "every chain drops 8 or 9",
-        f"rules (a) and (b) name 3 + 4 a chain; 8–9 would leave {left}, not the 100 the paper gives in 4.3",
+        "8 or 9 drop out of every chain",
+        f"rules (a) and (b) name 3 + 4 per chain; 8–9 would leave {left}, not the 100 the paper gives in 4.3",
         figures={"dropped_per_chain": counts},
     )
 
@@ -136,8 +136,8 @@ def hundred_left(study: GeometryStudy) -> Claim:
         f"{left} remain of {len(study.table.parameters)}",
         judge(left == 100),
         "100 remain",
-        "4 chains of 32, less the 7 that section 4.2 takes out of each",
-        reading="d_o is one of them: it is 0 on the drawing, and formula 2 has no term for it; without it 96 remain",
+        "4 chains of 32, minus the 7 that section 4.2 removes from each",
+        reading="d_o is one of them: its nominal value is 0, and formula 2 has no term for it; without it 96 remain",
         figures={"remaining": left},
     )
 
@@ -151,10 +151,10 @@ def superposition(study: GeometryStudy) -> Claim:
         "superposition",
         "4.1, formula 4",
         "errors are small, so they superpose linearly",
-        f"all 25 errors of chain 1 at once differ from their sum by {worst:.2%} at most",
+        f"the effect of all 25 errors of chain 1 at once differs from the sum of their effects by {worst:.2%} at most",
         judge(worst < 0.02),
         "they differ by less than 2 % at any pose",
-        "what is left is of second order: products of angles of 4 mrad",
+        "the difference is of second order: products of angles of 4 mrad",
         reading="one open branch, all 25 errors positive",
         figures={"largest_share": worst},
     )

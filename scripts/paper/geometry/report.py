@@ -24,7 +24,7 @@ from scripts.paper.geometry.size_claims import SIZE_CLAIMS
 from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, PILE_M, GeometryStudy
 from scripts.paper.page import PaperReport, claims_table, tally
 
-_CLOSED = "four chains hold the platform: an error acts through all of them, and only the lean of the legs holds Y"
+_CLOSED = "an error acts through all four chains, and only the inclination of the legs constrains Y"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class GeometryReport(PaperReport):
         return (
             f"layout {self.study.layout_name}, {len(self.study.command)} poses drawn from its workspace, "
             f"seed {self.study.seed}; errors of {LENGTH_ERROR_M / MM:g} mm and {ANGLE_ERROR_RAD / MRAD:g} mrad, "
-            "one at a time, seen at o"
+            "one at a time, at o"
         )
 
     def renderables(self) -> list[RenderableType]:
@@ -80,14 +80,14 @@ class GeometryReport(PaperReport):
             claims_table("The paper's section 4, claim by claim (open branch, as in the paper)", first),
             Text(tally(first, starred=True)),
             Text(
-                "* the layout or the place of S_1 was inferred from this very statement, because the paper's drawing "
-                "and Table 1 are missing; agreement tests little"
+                "* the layout or the place of S_1 was inferred from this statement, because the paper's drawing "
+                "and Table 1 are missing; agreement is a weak test"
             ),
             "",
             claims_table(
                 "The same statements on the closed chain: four chains hold the platform", self.closed, short=True
             ),
-            Text(f"{tally(self.closed)}; readings and rules are those above, why: {_CLOSED}"),
+            Text(f"{tally(self.closed)}; readings and rules as above; why: {_CLOSED}"),
             "",
             _axes_table(self.axes),
             "",
@@ -159,7 +159,7 @@ class GeometryReport(PaperReport):
 
 def _axes_table(rows: Sequence[AxisRow]) -> Table:
     table = Table(
-        title="Open branch against closed chain: root mean square over poses; all errors: independent of each other",
+        title="Open branch and closed chain: root mean square over poses; all errors: taken as independent",
         title_justify="left",
         title_style="bold",
     )

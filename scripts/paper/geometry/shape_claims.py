@@ -39,8 +39,8 @@ def _main_direction(key: str, errors: ErrorSamples, labels: Sequence[str], axis:
         f"the main direction of {listed(labels)} is {axis}",
         f"{text} mm in X/Y/Z",
         judge(set(found.values()) == {axis}),
-        f"{axis} has the largest mean absolute error of each",
-        "the axis an error turns about and the arm from there to o decide",
+        f"the mean absolute error of each is largest in {axis}",
+        "the axis of rotation of an error and the arm from it to o decide",
         used=True,
         figures={"main": found, "mean_mm": {label: mean.tolist() for label, mean in means.items()}},
     )
@@ -56,10 +56,10 @@ def concentrated(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "concentrated",
         "4.3, Fig. 4",
         "the errors over 1 mm are concentrated in X and Z",
-        f"X/Y/Z carry {'/'.join(f'{s:.0%}' for s in share)} of them; {'/'.join(map(str, over))} errors pass 1 mm there",
+        f"X/Y/Z have {'/'.join(f'{s:.0%}' for s in share)} of them; {'/'.join(map(str, over))} errors exceed 1 mm",
         judge(first == "XZ" and bool(large.parameters)),
-        "X and Z carry the two largest shares of the mean absolute errors",
-        f"{first[0]} and {first[1]} do; section 4.4 itself gives α01 the main direction Y. Fig. 4 is lost",
+        "X and Z have the two largest shares of the mean absolute errors",
+        f"{first[0]} and {first[1]} have them; section 4.4 itself gives α01 the main direction Y. Fig. 4 is lost",
         figures={"share": share.tolist(), "over_1mm": over.tolist()},
     )
 
@@ -76,7 +76,7 @@ def alike(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"{_span(one)} and {_span(other)}; distribution functions differ by {gap:.3f} at most",
         judge(gap < 0.05),
         "the distribution functions of the absolute main components differ by less than 0.05",
-        "both are 4 mrad times the height of o under O",
+        "both are 4 mrad times the depth of o below O",
         used=True,
         figures={"range_mm": [_range_mm(one), _range_mm(other)], "gap": float(gap)},
     )
@@ -96,9 +96,9 @@ def uniform(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"not uniform: {listed(peaked)}; both signs: {listed(mixed)}; gaps "
         + " ".join(f"{label} {gap:.2f}" for label, gap in gaps.items()),
         judge(not peaked and not mixed),
-        "the middle 90 % of each main component keep within 0.1 of an even distribution, with one sign",
-        "positions are drawn evenly and the error is an arm times 4 mrad",
-        reading="of the main component; α01 changes sign in Z, where it is small",
+        "each main component has one sign, and its middle 90 % are within 0.1 of a uniform distribution function",
+        "positions are drawn uniformly and the error is an arm times 4 mrad",
+        reading="for the main component; α01 changes sign in Z, where it is small",
         figures={"gaps": gaps, "one_sign": signs},
     )
 
@@ -114,9 +114,9 @@ def narrow(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "the influence of α12 is concentrated, its range much smaller than that of α23 α34 θ1 α01",
         f"{own / MM:.2f} mm against " + ", ".join(f"{label} {span / MM:.2f}" for label, span in spans.items()),
         judge(own < min(spans.values()) and own <= 0.5 * others),
-        "α12 spreads least of the five, and at most half as much as the other four on average",
-        f"{own / others:.2f} of the four's average, {own / min(spans.values()):.2f} of the narrowest; α12 turns about "
-        "a vertical axis, so the long way down to o does not count",
+        "α12 has the smallest spread of the five, at most half the mean of the other four",
+        f"{own / others:.2f} of the four's mean, {own / min(spans.values()):.2f} of the smallest; α12 rotates about "
+        "a vertical axis, so the depth of o does not count",
         reading="spread of the position error in three dimensions, root of the summed variances of X, Y and Z",
         used=True,
         figures={"alpha12_mm": own / MM, "others_mm": {label: span / MM for label, span in spans.items()}},
@@ -135,14 +135,14 @@ def both_signs(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "4.4, Fig. 5",
         "the errors by α56 and θ1 are mainly concentrated in −1.3175 mm and 1.3175 mm",
         "; ".join(
-            f"{label} {errors.main_axis(label)}: fullest 5 µm bin at {place / MM:+.4f} mm, {share:.0%} of poses within "
-            f"2 % of it, {times:.1f} times an even share"
+            f"{label} {errors.main_axis(label)}: mode {place / MM:+.4f} mm (5 µm bins), {share:.0%} of poses within "
+            f"2 % of it, {times:.1f} times a uniform share"
             for label, (place, share, times) in piles.items()
         ),
         judge(all(near) and len(set(signs.values())) == 2),
-        "both fullest bins are within 1 % of 1.3175, with opposite signs, and hold twice an even share",
+        "both modes are within 1 % of 1.3175, with opposite signs, and have twice a uniform share",
         f"4 mrad × half-width {half_width / MM:.1f} mm = {half_width * ANGLE_ERROR_RAD / MM:.3f} mm. With our own "
-        "normals, turned over in the lower half, both would be negative: the sign is convention, the size is not",
+        "normals, reversed in the lower half, both would be negative: the sign is a convention, the size is not",
         reading="θ1 as θ4 (cf. “αe1,4” in 4.3); all common normals along S_j × S_j+1",
         used=True,
         figures={label: {"place_mm": p / MM, "share": s, "times_even": t} for label, (p, s, t) in piles.items()},
@@ -156,14 +156,14 @@ def pile_theta1(study: OpenStudy, errors: ErrorSamples) -> Claim:
     return Claim(
         "pile_theta1",
         "4.4, Fig. 5",
-        "the same of θ1, as printed",
-        f"main component {errors.main_axis('θ1')}, {_span(values)}; fullest 5 µm bin at {place / MM:.4f} mm, "
-        f"{share:.0%} of poses within 2 % of it, {times:.1f} times an even share"
+        "the same for θ1, as printed",
+        f"main component {errors.main_axis('θ1')}, {_span(values)}; mode {place / MM:.4f} mm (5 µm bins), "
+        f"{share:.0%} of poses within 2 % of it, {times:.1f} times a uniform share"
         if values.any()
         else "moves o nowhere",
         judge(abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0),
-        "the fullest bin is within 1 % of 1.3175 and holds twice an even share",
-        "section 4.4 itself calls θ1 uniform, like α01, two paragraphs before: the name is a misprint",
+        "the mode is within 1 % of 1.3175 and has twice a uniform share",
+        "two paragraphs earlier section 4.4 itself calls θ1 uniform, like α01: the name is a misprint",
         figures={"range_mm": _range_mm(values), "fullest_mm": place / MM, "share": share, "times_even": times},
     )
 
@@ -176,11 +176,11 @@ def pile_tight(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "pile_tight",
         "4.4, Fig. 5",
         "in particular α56 is very concentrated",
-        ", ".join(f"{label}: {share:.0%} of poses within 2 % of its fullest bin" for label, share in shares.items()),
+        ", ".join(f"{label}: {share:.0%} of poses within 2 % of its mode" for label, share in shares.items()),
         judge(shares["α56"] > 0.5 and shares["α56"] > shares["θ4"]),
-        "more than half the poses lie there, and more than of θ4",
-        "the arm in Y is constant; only the cosine of the leg's lean about Y varies",
-        reading="of the main component",
+        "more than half the poses lie there, and more than for θ4",
+        "the arm in Y is constant; only the cosine of the leg's inclination about Y varies",
+        reading="for the main component",
         used=True,
         figures=shares,
     )
@@ -196,9 +196,9 @@ def near_upper(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "most are spread evenly; α56 and “αe1,4” lie near the upper end",
         "median at " + ", ".join(f"{label} {place:.0%}" for label, place in places.items()) + " of the range",
         judge(set(high) == {"α56", "θ4"}),
-        "the medians of these two and no others lie above 75 % of their range",
-        "their main component is the foot's half-width times the cosine of the leg's lean, flat near its top",
-        reading="of the absolute main component; “αe1,4” as θ4, since an α has two indices",
+        "only the medians of these two lie above 75 % of their range",
+        "their main component is the foot's half-width times the cosine of the leg's inclination, flat near its top",
+        reading="for the absolute main component; “αe1,4” as θ4, since an α has two indices",
         figures={"median_place": places},
     )
 

@@ -35,7 +35,7 @@ def only_angles(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "position errors of 1 mm and more all come from angle errors",
         f"over 1 mm: {len(large.parameters) - len(lengths)} angles; lengths: {listed(lengths)}",
         judge(bool(large.parameters) and not lengths),
-        "errors pass 1 mm in one coordinate at one pose at least, and none of them is a length",
+        "errors exceed 1 mm in at least one coordinate at one pose, and none of them is a length",
         f"4 mrad act on levers of up to {lever:.2f} m",
         figures={"over_1mm": large.labels, "lengths_over_1mm": lengths, "lever_m": lever},
     )
@@ -54,12 +54,12 @@ def seven_in_chain(study: OpenStudy, errors: ErrorSamples) -> Claim:
     return Claim(
         "seven_in_chain",
         "4.3, 4.4",
-        "seven parameters of chain 1 do: α01 α12 α23 α34 α56 θ1 and one more (“αe1,4”, “θe1,1”)",
+        "seven parameters of chain 1 cause them: α01 α12 α23 α34 α56 θ1 and one more (“αe1,4”, “θe1,1”)",
         f"{len(labels)}: {listed(labels)}",
         judge(len(labels) == 7 and not missing),
-        "seven errors pass 1 mm in one coordinate at one pose at least, the six that the paper names among them",
-        f"beside the six: {listed(others)}; missing: {listed(missing)}; by distance also: {listed(by_distance)}",
-        reading="counted by coordinate; the seventh is misprinted, so any may be it",
+        "seven errors exceed 1 mm in at least one coordinate at one pose, among them the six that the paper names",
+        f"besides the six: {listed(others)}; missing: {listed(missing)}; by distance also: {listed(by_distance)}",
+        reading="counted by coordinate; the seventh is misprinted, so it may be any error",
         used=True,
         figures={"over_1mm": labels, "by_distance_also": by_distance, "missing": missing, "beside": others},
     )
@@ -77,7 +77,7 @@ def attitude_size(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"{lengths.max() / MRAD:.3f} mrad from a length",
         judge(not small and lengths.max() < 1e-4),
         "every angle error reaches 1 to 10 mrad and no length error 0.1 mrad",
-        f"in an open branch a turn of a joint is a turn of o; outside: {listed(small)}",
+        f"in an open branch a rotation of a joint is an equal rotation of o; outside: {listed(small)}",
         figures={"angle_mrad": (angles / MRAD).tolist(), "length_mrad": (lengths / MRAD).tolist(), "outside": small},
     )
 
@@ -93,8 +93,8 @@ def length_size(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "length errors of 0.2 mm stay at 1e-1 mm",
         f"they move o by {top.min() / MM:.3f} to {top.max() / MM:.3f} mm at most",
         judge(not outside),
-        "every length error's largest distance lies from 0.1 to 1 mm",
-        f"in an open branch a displaced joint displaces o by as much; outside: {listed(outside)}",
+        "the largest distance of every length error is 0.1 to 1 mm",
+        f"in an open branch a displaced joint displaces o by the same length; outside: {listed(outside)}",
         reading="implied: errors of 1e0 mm “are all caused by” angles, and 1e-1 is the class below; Table 3 is lost",
         figures={"largest_mm": dict(zip(lengths.labels, (top / MM).tolist(), strict=True)), "outside": outside},
     )
@@ -111,8 +111,8 @@ def negligible_position(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "the errors α6o and θo can be ignored: in position",
         f"α6o {ends[0] / MM:.1e} mm, θo {ends[1] / MM:.1e} mm; below 1e-3 mm: {listed(none)}",
         judge(set(none) == {"α6o", "θo"}),
-        "these two and no others stay below the paper's 1e-3 mm",
-        f"true of o only: 4 mrad move the lip, {study.lip_lever_m:.2f} m from o, by {study.lip_lever_m * 4:.1f} mm",
+        "only these two stay below the paper's 1e-3 mm",
+        f"true only for o: 4 mrad move the lip, {study.lip_lever_m:.2f} m from o, by {study.lip_lever_m * 4:.1f} mm",
         reading="the position of o",
         figures={"below": none, "largest_mm": (ends / MM).tolist(), "lip_lever_m": study.lip_lever_m},
     )
@@ -128,7 +128,7 @@ def negligible_attitude(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"α6o {ends[0] / MRAD:.2f} mrad, θo {ends[1] / MRAD:.2f} mrad",
         judge(ends.max() < ATTITUDE_BOUNDARY_RAD),
         "both stay below the paper's boundary of 1e-5 rad",
-        "an angle error turns o whatever its place in the chain",
+        "an angle error rotates o wherever it is in the chain",
         figures={"largest_mrad": (ends / MRAD).tolist()},
     )
 
@@ -148,8 +148,8 @@ def eight_omitted(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "with α6o and θo eight parameters are left out of chain 1",
         f"{dropped} + {weak} = {dropped + weak}",
         judge(dropped + weak == 8),
-        "drop-outs by the rules of section 4.2 and errors below 1e-3 mm in position are eight",
-        "rules (a) and (b) take out seven a chain and α6o, θo make nine; eight would need six in Table 2",
+        "parameters that drop out by section 4.2 and errors below 1e-3 mm in position are eight together",
+        "rules (a) and (b) remove seven per chain and α6o, θo make nine; eight would need six in Table 2",
         figures={"dropped": dropped, "negligible": weak},
     )
 
@@ -166,7 +166,7 @@ def table_3(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"of {total}: {position.sum()} reach 1e-3 mm, {attitude.sum()} reach 1e-5 rad",
         judge(2 * position.sum() > total and 2 * attitude.sum() < total),
         "more than half reach 1e-3 mm and fewer than half reach 1e-5 rad",
-        "lengths turn nothing in an open branch, angles always do",
+        "in an open branch lengths cause no rotation, angles always do",
         reading="“most” is more than half; boundaries are the paper's",
         figures={"position": int(position.sum()), "attitude": int(attitude.sum()), "of": total},
     )
@@ -188,7 +188,7 @@ def table_3_cells(study: OpenStudy, errors: ErrorSamples) -> Claim:
         f"by largest distance: {text}, {below} without effect" + (f"; disagree: {listed(off)}" if table else ""),
         judge(not off) if table else "cannot be checked",
         "every error of Table 3 has our order of magnitude in position",
-        "the cells are not in the text; our classes are in parameters.csv, a reader's go into paper_tables.yaml",
+        "the cells are not in our text; ours are in parameters.csv, a reader's can go into paper_tables.yaml",
         figures={"classes": classes, "without_effect": below},
     )
 
