@@ -211,12 +211,12 @@ def axes(study: SectionsStudy) -> Claim:
         "axes",
         "2",
         "Si1 and Si5 along y, Si1 ⊥ Si2, Si4 ⊥ Si5, S12 ‖ S22, S32 ‖ S42, an angle Θi between Si3 and Si4",
-        f"at {len(study.geometry.command)} poses none is off by more than {worst / MRAD:.6f} mrad; S12 and S32 part by "
-        f"up to {across.max():.0f}°; Θi is {between.min():.0f} to {between.max():.0f}°",
+        f"at {len(study.geometry.command)} poses none is off by more than {worst / MRAD:.6f} mrad; the angle between "
+        f"S12 and S32 is up to {across.max():.0f}°; Θi is {between.min():.0f} to {between.max():.0f}°",
         judge(worst < 1e-9),
         "none is off by more than 1e-9 rad at any pose",
-        "chains 1 and 2, and 3 and 4, hang at the same x and lean alike about y; others do not",
-        reading="indices are chain and axis, R R P R R; no value of Θi is in the text",
+        "chains 1 and 2, and 3 and 4, have the same x and the same inclination about y; others do not",
+        reading="indices are chain and axis, R R P R R; the text gives no value of Θi",
         figures={"worst_rad": worst, "across_deg": float(across.max()), "theta_deg": float(between.max())},
     )
 
@@ -237,8 +237,8 @@ def strokes(study: SectionsStudy) -> Claim:
         f"the box of 4.3 is {box[2]:g}, {box[0]:g} and {box[1]:g} m; of a grid over the strokes, centred on it at tilt "
         f"0, our joints reach {reached:.0%}",
         judge(bool(np.all(box >= np.array(STROKES_M) - 1e-9))),
-        "the workspace that section 4.3 studies holds the strokes",
-        "the paper contradicts itself: its error study covers a smaller box than its design asks for",
+        "the workspace that section 4.3 studies contains the strokes",
+        "the paper contradicts itself: its error study covers a smaller box than its design requires",
         figures={"box_m": box.tolist(), "reached": reached},
     )
 
@@ -250,7 +250,7 @@ def payload(study: SectionsStudy) -> Claim:
         "payload",
         "2",
         "the maximum design load of the ladle is 500 kg",
-        f"taken over as a load; along a leg our parts hold {1e-6 / sum(stiff.shares.values()):.0f} N/µm",
+        f"used as a load; the axial stiffness of our legs is {1e-6 / sum(stiff.shares.values()):.0f} N/µm",
         "cannot be checked",
         "",
         "the paper gives no drive force, section or stiffness; ours are assumed",
@@ -274,9 +274,9 @@ def one_centimetre(study: SectionsStudy) -> Claim:
         "robot",
         judge(2.0 * closed < study.robot.accuracy_m),
         "twice the rms of the closed robot is below 10 mm",
-        "open branches suggest that 0.2 mm and 4 mrad are nearly good enough; closed, the robot is weak in Y and needs "
-        f"calibration or errors {2.0 * closed / study.robot.accuracy_m:.1f} times as small",
-        reading="errors even within ±0.2 mm and ±4 mrad, independent of each other",
+        "open branches suggest that 0.2 mm and 4 mrad are nearly good enough; the closed robot is weak in Y and needs "
+        f"calibration or errors smaller by a factor of {2.0 * closed / study.robot.accuracy_m:.1f}",
+        reading="independent errors, uniform within ±0.2 mm and ±4 mrad",
         figures={"open_mm": opened / MM, "closed_mm": closed / MM},
     )
 
@@ -286,11 +286,11 @@ def three_sources(study: SectionsStudy) -> Claim:
     return Claim(
         "three_sources",
         "3",
-        "70 % of the error of a mechanism come from geometry, heat and load",
-        "geometry, heat and weight are all that our model has",
+        "70 % of the error of a mechanism comes from geometry, heat and load",
+        "our model contains only geometry, heat and weight",
         "cannot be checked",
         "",
-        "the paper quotes other studies and has no measured data of this robot, and neither have we",
+        "the paper quotes other studies; neither the paper nor we have measured data of this robot",
     )
 
 
@@ -299,12 +299,12 @@ def left_aside(study: SectionsStudy) -> Claim:
     return Claim(
         "left_aside",
         "3 (b), (c), 5, 7 (1)",
-        "at low speed elastic deformation, vibration, following of drives and clearance do little, and beside the melt "
-        "the heat of motors and friction",
-        "only what weight bends at rest is in this study: the row of 3 (a)",
+        "at low speed elastic deformation, vibration, drive following error and clearance have little effect; so has "
+        "the heat of motors and friction compared with the melt",
+        "this study has only the static deformation by weight: the row of 3 (a)",
         "cannot be checked",
         "",
-        "the paper gives no speed, clearance, drive or power, and every pose of ours is a standstill",
+        "the paper gives no speed, clearance, drive or power, and all our poses are static",
     )
 
 
@@ -321,13 +321,13 @@ def heat_share(study: SectionsStudy) -> Claim:
         "heat_share",
         "3, 5",
         "thermal deformation accounts for about 40 % to 70 % of the total error",
-        f"{heat / MM:.1f} mm of heat beside geometry as in open branches {parts['open']:.0%}, as in the robot "
-        f"{parts['closed']:.0%}",
+        f"{heat / MM:.1f} mm by heat: {parts['open']:.0%} of heat + geometry with open branches, {parts['closed']:.0%} "
+        "in the robot",
         judge(0.4 <= parts["closed"] <= 0.7),
         "heat is 40 to 70 % of heat + geometry in the robot",
-        "the paper's open branches alone would have it; closed, the robot is weak in Y. The share hangs on the "
-        f"tolerances: errors {closed / (1.5 * heat):.0f} times as small would have 40 %",
-        reading="rms at o; errors even within those of 4.3",
+        "only the paper's open branches give this; the closed robot is weak in Y. The share depends on the "
+        f"tolerances: with errors smaller by a factor of {closed / (1.5 * heat):.0f} it would be 40 %",
+        reading="rms at o; errors uniform within those of 4.3",
         figures={"heat_mm": heat / MM, "open_mm": opened / MM, "closed_mm": closed / MM, "shares": parts},
     )
 
@@ -341,11 +341,11 @@ def additive(study: SectionsStudy) -> Claim:
         "additive",
         "6, Fig. 13",
         "the actual position is theory + geometric error + thermal error",
-        f"at {len(both)} poses of a robot with errors of 4.3's size the sum misses one closure of all by "
+        f"at {len(both)} poses of a robot with errors of 4.3's size the sum differs from one closure of all by "
         f"{missed.mean() / MM:.2f} mm in the mean, {missed.max() / MM:.2f} mm at most, {share.max():.1%} of the error",
         judge(bool(share.max() < 0.05)),
-        "the sum misses by less than 5 % of the error at every pose",
-        "both are small against the legs; what is missed is their product, largest in the weak Y",
+        "the sum differs by less than 5 % of the error at every pose",
+        "both are small compared with the legs; the difference is their product, largest in the weak Y",
         figures={"mean_mm": float(missed.mean() / MM), "largest_mm": float(missed.max() / MM), "share": share.tolist()},
     )
 
@@ -366,8 +366,8 @@ def machining(study: SectionsStudy) -> Claim:
         "the robot",
         judge(shares["closed"] > 0.5),
         "machining has more than half in the robot",
-        "true by number: 80 of 100 errors are machining; each alone, an installation angle does as much",
-        reading="Table 1's installations are assembly, all others machining; all errors of 4.3's size",
+        "true by number: 80 of 100 errors are machining; a single installation angle has as much effect",
+        reading="Table 1's installations are assembly, all others machining; all errors have the size of 4.3",
         figures=shares,
     )
 
@@ -384,12 +384,12 @@ def weight(study: SectionsStudy) -> Claim:
         "there is enough stiffness; the error caused by gravity deformation can basically be ignored",
         f"stiffness from sections, lengths and bearings, {PAYLOAD_KG:g} kg: o moves by {distance.mean() / MM:.1f} mm "
         f"in the mean, {distance.max() / MM:.1f} at most; X/Y/Z {'/'.join(f'{v / MM:.1f}' for v in by_axis)}; in Y "
-        f"against the place it stands at (correlation {back:.2f}). Mean with a part twice as stiff (mm): {changes}",
+        f"opposite to the Y of the pose (correlation {back:.2f}). Mean with a part twice as stiff (mm): {changes}",
         judge(bool(distance.mean() < MM)),
         "o moves by less than 1 mm in the mean, a tenth of the required accuracy",
-        "off the middle the platform swings back like a pendulum: leg 4 is passive, and three lengths and the tilt "
-        "leave Y with roll to the torsion of the legs",
-        reading="all parts assumed; drives hold their commanded values",
+        "away from the middle the platform swings back like a pendulum: leg 4 is passive, and with three lengths and "
+        "the tilt driven only torsion of the legs resists motion in Y with roll",
+        reading="stiffness of all parts assumed; drives hold their commanded values",
         figures={"mean_mm": float(distance.mean() / MM), "axes_mm": (by_axis / MM).tolist(), "correlation_y": back}
         | {f"{name}_mm": value / MM for name, value in study.sag_stiffer_m.items()},
     )
@@ -409,7 +409,7 @@ def wide_influence(study: SectionsStudy) -> Claim:
         judge(bool(position.sum() > attitude.sum() and angles > lengths)),
         "more errors reach the position's boundary than the attitude's, and the strongest is an angle",
         "4 mrad at half a metre is 2 mm, ten times 0.2 mm",
-        reading="open branch of chain 1, boundaries of 4.3",
+        reading="open branch of chain 1, boundaries as in 4.3",
         figures={"position": int(position.sum()), "attitude": int(attitude.sum())},
     )
 
@@ -431,7 +431,7 @@ def concentrated(study: SectionsStudy) -> Claim:
         "poses at which the main component is within 5 % of the median: "
         + ", ".join(f"{label} {share:.0%}" for label, share in shares.items()),
         judge(min(shares.values(), default=0.0) > 0.5),
-        "it is so at more than half of the poses for each error",
+        "this holds at more than half of the poses for each error",
         "section 4.4 itself calls five of the seven uniform; only the arm of α56 and θ4 hardly varies",
         reading="open branch of chain 1, the errors over 1 mm",
         figures=shares,
@@ -449,10 +449,10 @@ def one_measurement(study: SectionsStudy) -> Claim:
         f"poses at which its main component is within 5 % of the median: {shares['open']:.0%} in the open branch, "
         f"{shares['closed']:.0%} in the robot",
         judge(shares["open"] > 0.9),
-        "it is so at more than 90 % of the poses of the open branch",
-        "the arm in Y is constant; but no branch can be measured alone in the closed robot, where α56 acts in Y and is "
-        "spread",
-        reading="of an open branch, which section 4 studies",
+        "this holds at more than 90 % of the poses of the open branch",
+        "the arm in Y is constant; but no branch of the closed robot can be measured alone, and there α56 acts in Y "
+        "and varies",
+        reading="for an open branch, which section 4 studies",
         figures=shares,
     )
 
@@ -468,7 +468,7 @@ def identification(study: SectionsStudy, method: str, words: str, reading: str, 
         f"rms at o on {_HELD_OUT} held-out poses: {before / MM:.3f} mm before, {100.0 * left / before:.1g} % of it "
         "after",
         judge(left < 0.1 * before),
-        "less than a tenth of the error is left on held-out poses",
+        "the held-out error is less than a tenth of that before",
         why,
         reading=f"{reading}; virtual measurement of {_LEARNT} positions, noise {_NOISE_M / MM:g} mm; none in the paper",
         figures={"before_mm": before / MM, "left_mm": left / MM},
@@ -494,14 +494,14 @@ JUDGES: tuple[Callable[[SectionsStudy], Claim], ...] = (
         method="least squares",
         words="least squares parameter estimation",
         reading="as far as they move o",
-        why="it knows the mechanism's G; sums of errors that act alike are found, their parts are not and need not be",
+        why="it uses G; sums of errors with equal effect are identified, their parts are not and need not be",
     ),
     functools.partial(
         identification,
         method="network",
         words="neural network identification",
         reading="a network's weights count as parameters of the compensation model",
-        why="it learns the map from pose to error, which compensates as well; errors of parts it does not find",
+        why="it learns the map from pose to error, which compensates equally; it does not identify the errors of parts",
     ),
 )
 
