@@ -66,7 +66,7 @@ def cold_chains(study: ThermalStudy) -> Claim:
         f"joint, {hottest:.1f} °C",
         judge(means.max() < ambient + 10.0),
         "every leg's mean stays within 10 K of the surroundings",
-        "the lining lets little through, and a leg loses it to the air over its length",
+        "the lining conducts little heat, and a leg loses it to the air over its length",
         figures={"largest_mean_degC": float(means.max()), "hottest_degC": hottest},
     )
 
@@ -89,9 +89,9 @@ def cool_edge(study: ThermalStudy) -> Claim:
         f"the shell is in the lowest of {_COLOUR_BANDS} colour bands from {ambient:g} to {melt:g} °C, below "
         f"{ambient + band:.0f} °C",
         f"a flat wall alone, k (T_melt − T) = h d (T − T_ambient), would be at {flat:.0f} °C; ours has more area "
-        "outside than in its middle, and trunnions draw heat off. Within 20 K of the room a flat wall would need "
-        f"{needed / MM:.0f} mm; the thickness is assumed",
-        reading="off a contour plot over the whole range, in the usual nine bands; the figure is lost",
+        "outside than in its middle, and trunnions draw heat off. To stay within 20 K of the room a flat wall would "
+        f"need {needed / MM:.0f} mm; the thickness is assumed",
+        reading="from a contour plot over the whole range, in the usual nine bands; the figure is lost",
         figures={"shell_degC": shell, "lining_mm": study.lining_m / MM, "band_K": band, "flat_degC": flat}
         | {"needed_mm": needed / MM},
     )
@@ -126,7 +126,7 @@ def near_500(study: ThermalStudy) -> Claim:
         f"{hottest.max():.0f} °C over the poses",
         judge(abs(float(np.median(hottest)) - 500.0) <= 50.0),
         "the hottest leg element is within 50 K at the median pose",
-        "the lower ends of the legs look onto the melt; the cladding over the mouth is hotter and no part of a chain",
+        "the lower ends of the legs face the melt; the cladding over the mouth is hotter but is not part of a chain",
         figures={"hottest_degC": hottest.tolist()},
     )
 
@@ -138,12 +138,12 @@ def mean_3_mm(study: ThermalStudy) -> Claim:
     return Claim(
         "mean_3_mm",
         "5.2.2, Fig. 8",
-        "radiation moves the mechanism by about 3 mm in the mean",
-        f"o is moved by {sizes.mean() / MM:.2f} mm in the mean of the ten poses ({sizes.min() / MM:.2f} to "
-        f"{sizes.max() / MM:.2f}), by {workspace / MM:.2f} mm all over the workspace",
+        "radiation moves the mechanism by about 3 mm on average",
+        f"o moves by {sizes.mean() / MM:.2f} mm on average over the ten poses ({sizes.min() / MM:.2f} to "
+        f"{sizes.max() / MM:.2f}), by {workspace / MM:.2f} mm over the whole workspace",
         judge(abs(sizes.mean() - PAPER_MEAN_M) <= 0.5 * MM),
         "the mean of the ten poses is within 0.5 mm",
-        "legs of 0.3 to 1.1 m grow by 3.4 mm a metre at 300 °C; the paper's mean is over its finite elements",
+        "legs of 0.3 to 1.1 m grow by 3.4 mm per metre at 300 °C; the paper's mean is over its finite elements",
         reading="at o, mean of ten poses; the next row has all parts",
         figures={"mean_mm": float(sizes.mean() / MM), "workspace_mean_mm": workspace / MM},
     )
@@ -157,13 +157,13 @@ def largest_9_mm(study: ThermalStudy) -> Claim:
         "largest_9_mm",
         "5.2.2, Fig. 8",
         "the maximum cumulative error caused by thermal radiation is about 9 mm",
-        f"at {len(study.box)} poses all over the workspace, ladle steel at {LADLE_STEEL_DEGC:g} °C: at most "
+        f"at {len(study.box)} poses over the whole workspace, ladle steel at {LADLE_STEEL_DEGC:g} °C: at most "
         f"{hot / MM:.1f} mm ({hung / MM:.1f} if the ladle grows from its trunnions); with the network's steel behind "
-        f"its lining {own / MM:.1f} mm, at o alone {o / MM:.1f} mm; seen "
-        f"from the hall, on a warm and bare truss, {hall / MM:.1f} mm",
+        f"its lining {own / MM:.1f} mm, at o alone {o / MM:.1f} mm; relative "
+        f"to the hall, on a warm and bare truss, {hall / MM:.1f} mm",
         judge(abs(hot - PAPER_LARGEST_M) <= MM),
         "the largest displacement of any part at any pose is within 1 mm",
-        "the ladle's own growth adds to the legs'; it takes the hot ladle, and behind its lining ours is not",
+        "the ladle's own growth adds to the legs'; this needs a hot ladle, and behind its lining ours is not hot",
         reading="total deformation over all parts of the main pouring mechanism, without truss and weight; the ladle's "
         "steel as hot as Fig. 7 says near the melt, growing from o, the paper's “central part of the ladle”",
         figures={
@@ -186,8 +186,8 @@ def mean_of_parts(study: ThermalStudy) -> Claim:
         f"the network's steel {own / MM:.2f} mm",
         judge(abs(hot - PAPER_MEAN_M) <= 0.5 * MM),
         "it is within 0.5 mm",
-        "parts near the fixed platform hardly move and pull the mean of all parts down",
-        reading="as in the next row, each part counted alike",
+        "parts near the fixed platform hardly move and reduce the mean of all parts",
+        reading="as in the next row, all parts with equal weight",
         figures={"mean_mm": own / MM, "mean_hot_ladle_mm": hot / MM},
     )
 
@@ -205,11 +205,11 @@ def one_direction(study: ThermalStudy) -> Claim:
         "one_direction",
         "5.2.2, Fig. 8",
         "the error has a certain direction because of the arrangement of the mechanism",
-        f"of {poses} poses {signs[2]} move down and {signs[0]} to −X; in Y {outwards} move away "
-        f"from the middle, {poses - outwards} towards it; angle to the mean direction up to {angles.max():.0f}°",
+        f"at {signs[2]} of {poses} poses o moves down and at {signs[0]} to −X; in Y at {outwards} away "
+        f"from the middle, at {poses - outwards} towards it; angle to the mean direction up to {angles.max():.0f}°",
         judge(signs[0] in {0, poses} and signs[2] in {0, poses}),
         "X and Z have one sign at all poses",
-        "legs grow downwards; in Y left and right of the mechanism mirror each other",
+        "legs grow downwards; in Y the left and right sides of the mechanism are mirror images",
         figures={"negative": dict(zip("xyz", signs, strict=True)), "largest_angle_deg": float(angles.max())},
     )
 
@@ -225,11 +225,11 @@ def linear(study: ThermalStudy) -> Claim:
         "linear",
         "5.2.2, Fig. 9",
         "the steady error increases gradually with the melt's temperature, strongly linear",
-        f"from {study.melts_degC[0]:g} to {study.melts_degC[-1]:g} °C: R² of a line at least "
+        f"from {study.melts_degC[0]:g} to {study.melts_degC[-1]:g} °C: R² of a straight line at least "
         + ", ".join(f"{value:.3f} in {axis}" for axis, value in shares.items()),
         judge(min(shares.values()) >= allowed and rising),
-        f"every one of 30 lines has R² of {allowed:.3f} or more and every error in Z grows",
-        f"radiation makes them bend; the paper's own two sets correlate with r = {PAPER_CORRELATION:.2f} only",
+        f"each of 30 lines has R² of {allowed:.3f} or more and every error in Z grows",
+        f"radiation curves them; the correlation of the paper's own two sets is only r = {PAPER_CORRELATION:.2f}",
         reading="no stricter than the correlation in the paper's Table 7 allows",
         figures={"least_r2": shares},
     )

@@ -47,13 +47,13 @@ def two_groups(study: ThermalStudy) -> Claim:
     return Claim(
         "two_groups",
         "5.2.2 (1)",
-        "fuzzy clustering parts the ten sets in X into {P1} and {P2 … P10}",
+        "fuzzy clustering divides the ten sets in X into {P1} and {P2 … P10}",
         f"{{{' '.join(groups[0])}}} and {{{' '.join(groups[1])}}} for λ from {low:.5f} to {high:.5f}; one and nine "
-        f"also in {alike} of {len(study.draws)} other drawings of ten poses, {other} of the other layout",
+        f"also in {alike} of {len(study.draws)} other draws of ten poses, {other} with the other layout",
         judge(sorted(map(len, groups)) == [1, 9]),
-        "one set stands alone against nine",
-        "all sets are nearly alike, and single linkage cuts off the one farthest away",
-        reading="two groups are asked for; which number stands alone is chance, the paper's poses are lost",
+        "one group has one set, the other nine",
+        "all sets are nearly equal, and single linkage separates the farthest one",
+        reading="two groups are required; which set is alone is chance, the paper's poses are lost",
         figures={"groups": groups, "lambda": [low, high], "other_drawings_alike": alike},
     )
 
@@ -68,12 +68,12 @@ def guard(study: ThermalStudy) -> Claim:
         "5.2.2 (2), Fig. 10",
         f"a sensitive set of the second group is found with VIF below {VIF_LIMIT:g}",
         f"VIF of the chosen pair {vif:.0f}; smallest of the group "
-        f"{model.selector_.vif_[model.selector_.groups_[-1]].min():.0f}; in drawings of the other layout "
-        f"{len(below)} of {len(study.other_draws)} below",
+        f"{model.selector_.vif_[model.selector_.groups_[-1]].min():.0f}; with the other layout "
+        f"{len(below)} of {len(study.other_draws)} draws below",
         judge(vif < VIF_LIMIT),
         f"the VIF of the chosen pair is below {VIF_LIMIT:g}",
-        "in this layout no set in X passes near zero, so all bend alike; where one does, as in layout wide, its curve "
-        "differs and the VIF falls without any scatter",
+        "in this layout no set in X passes near zero, so all curve alike; where one does, as in layout wide, its curve "
+        "differs and the VIF is low without any scatter",
         reading="implied: P8 is chosen to reduce collinearity, which is serious from 10 on; Fig. 10 is lost",
         figures={"vif": vif, "other_layout": [draw.vif for draw in study.other_draws]},
     )
@@ -92,8 +92,8 @@ def first_component(study: ThermalStudy) -> Claim:
         f"{share:.3%}, one component suffices{beside}",
         judge(abs(share - PAPER_SHARE) < _NEAR),
         "it is within 2 % of the paper's",
-        "96.99 % is a correlation of 0.94 between two sets. It needs no scatter: sets that cross zero at different "
-        "temperatures curve differently, which layout wide shows and this one, in X, does not",
+        "96.99 % means a correlation of 0.94 between two sets. This needs no scatter: sets that cross zero at "
+        "different temperatures curve differently, as in layout wide; in X this layout has none",
         figures={"share": share, "other_layout": others},
     )
 
@@ -112,12 +112,12 @@ def collinearity(study: ThermalStudy) -> Claim:
         "collinearity",
         "abstract, 5.2.2 (3), 7 (3)",
         "principal components eliminate the collinearity of the sensitive sets",
-        f"one temperature left out changes equation 21's coefficients by {moved['components']:.1%} at most, those of "
-        f"least squares on the same two sets by {moved['least squares']:.0%}",
+        f"leaving out one temperature changes equation 21's coefficients by {moved['components']:.1%} at most, those "
+        f"of least squares on the same two sets by {moved['least squares']:.0%}",
         judge(moved["components"] < 0.1),
         "they change by less than 10 %",
-        "least squares divides by what parts two sets that are nearly one, which the kept component leaves out; steady "
-        "coefficients are not yet good predictions",
+        "least squares divides by the difference of two nearly equal sets, which the kept component leaves out; stable "
+        "coefficients do not yet give good predictions",
         figures={"changed": moved},
     )
 
@@ -154,11 +154,11 @@ def on_unseen_poses(study: ThermalStudy) -> Claim:
         "unseen_poses",
         "5.2.2 (4), 7 (3)",
         "P_end has better prediction accuracy than the single thermal error regression model",
-        f"{len(study.others)} poses that no model has seen: {_words(study, found, PAPER)}; of {len(study.draws)} other "
-        f"drawings it wins spread in {spread}, spread and mean in {times}",
+        f"{len(study.others)} held-out poses: {_words(study, found, PAPER)}; of {len(study.draws)} other "
+        f"draws it is better in spread in {spread}, in spread and mean in {times}",
         judge(less and nearer),
         "P_end has less spread and a mean nearer zero than each single set",
-        "what the poses differ by makes the spread; no weights of two of them can know the rest. "
+        "the spread comes from differences between poses, which no weights of two sets can predict. "
         "Figs. 11 and 12 are not reproduced",
         reading="weights are the coefficients of equation 21",
         figures=_figures(found) | {"other_drawings_spread": spread, "other_drawings_both": times},
@@ -174,10 +174,10 @@ def by_components(study: ThermalStudy) -> Claim:
         "by_components",
         "7 (3)",
         "a final error by principal component contribution rate predicts better than the single regression",
-        f"{_words(study, found, COMPONENTS)}; wins spread and mean in {times} of {len(study.draws)} other drawings",
+        f"{_words(study, found, COMPONENTS)}; better in spread and mean in {times} of {len(study.draws)} other draws",
         judge(less and nearer),
-        "P_end has less spread and a mean nearer zero than each single set, on poses that no model has seen",
-        "two sets and one component contribute the same, so it is the plain mean of two lines",
+        "P_end has less spread and a mean nearer zero than each single set, on held-out poses",
+        "with one component both sets contribute equally, so it is the plain mean of two lines",
         reading="weights are each set's share of the kept components' variance",
         figures=_figures(found) | {"other_drawings_both": times},
     )
@@ -201,8 +201,8 @@ def other_axes(study: ThermalStudy) -> Claim:
         "; ".join(words),
         judge(all(better.values())),
         f"in both P_end leaves less than {HELPS_BELOW:.0%} of the error, and less spread and mean than each single set",
-        "in Y poses left and right of the middle err in opposite directions, which clustering by |r| puts into one "
-        "group: no line of temperature alone can serve them",
+        "in Y the errors of poses left and right of the middle are opposite, and clustering by |r| puts them into one "
+        "group: no line in temperature alone can predict them",
         figures={"better": better},
     )
 
@@ -219,9 +219,9 @@ def lost_tables(study: ThermalStudy) -> Claim:
         f"eigenvalues {found[0]:.4f} and {found[1]:.4f}",
         judge(near) if wanted else "cannot be checked",
         f"the larger eigenvalue is within {2.0 * _NEAR:g} of a reader's Table 6, 2 % of their sum",
-        f"cells and formulas are not in the text: ten poses are drawn with seed {study.seed} at the paper's tilt of "
-        f"10°; a reader's go into paper_tables.yaml. The share judged above implies {2.0 * PAPER_SHARE:.4f} and "
-        f"{2.0 - 2.0 * PAPER_SHARE:.4f}",
+        f"cells and formulas are not in our text: ten poses are drawn with seed {study.seed} at the paper's tilt of "
+        f"10°; a reader can enter the tables in paper_tables.yaml. The share judged above implies "
+        f"{2.0 * PAPER_SHARE:.4f} and {2.0 - 2.0 * PAPER_SHARE:.4f}",
     )
 
 

@@ -23,7 +23,7 @@ from scripts.paper.thermal.study import AXES, ThermalStudy
 
 def _methods_table(study: ThermalStudy) -> Table:
     """Return what the paper's method and ours leave on poses that none has seen; no verdict hangs on it."""
-    title = f"Beside the paper: what each method leaves on {len(study.others)} unseen poses, rms (mean ± spread) in mm"
+    title = f"Not in the paper: held-out error of each method on {len(study.others)} poses, rms (mean ± spread) in mm"
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("method")
     for axis in AXES:
@@ -62,7 +62,7 @@ class ThermalReport(PaperReport):
         study = self.study
         return (
             f"layout {study.layout}, {len(study.poses)} poses at 10° of tilt, seed {study.seed}, "
-            f"{len(study.melts_degC)} melt temperatures; properties of thermal.yaml, nothing tuned"
+            f"{len(study.melts_degC)} melt temperatures; properties from thermal.yaml, nothing tuned"
         )
 
     def renderables(self) -> list[RenderableType]:
