@@ -35,7 +35,7 @@ from scripts.paper.thermal.study import ThermalStudy, run_thermal_study
 M, N, m, n = 374.0, 680.0, 330.0, 365.0
 _POSES, _LEFT_OUT, _BOX = 2000, 5, 40
 _LIMITS = {"s1": [-2.0, 2.0], "s2": [-1.55, 1.55], "s4": [-1.55, 1.55], "s5": [-2.9, 2.9]}
-NORMALS = ("one rule", "turned over below")
+NORMALS = ("one rule", "reversed below")
 STATISTICS = ("largest", "mean")
 COLDEST_DEGC = (600.0, 1100.0, 1400.0)
 
@@ -162,7 +162,7 @@ def score_all(seed: int, progress: Progress = say_nothing) -> list[Scored]:
             by_heat = {cold: _thermal(warm, cold) if warm else None for cold in COLDEST_DEGC}
             for normals, statistic in itertools.product(NORMALS, STATISTICS):
                 judged = _geometry(opened, normals, statistic)
-                tilt = "as printed" if sign > 0.0 else "turned over"
+                tilt = "as printed" if sign > 0.0 else "reversed"
                 found += [Scored(sizes, tilt, normals, statistic, cold, judged, by_heat[cold]) for cold in COLDEST_DEGC]
         progress("reading by reading", len(choices), len(choices))
     return found
@@ -193,25 +193,25 @@ class ReadingsReport(PaperReport):
         first = self.scored[0]
         claims = (len(first.geometry), len(next(s.thermal for s in self.scored if s.thermal)))
         best = max(self.scored, key=lambda s: sum(s.score))
-        words = (best.sizes, f"tilt {best.tilt}", f"normals {best.normals}", best.statistic)
-        read = "; ".join(map(str, words)) + f"; from {best.coldest_degC:g} °C"
+        words = (best.sizes, f"tilt {best.tilt}", f"common normals: {best.normals}", best.statistic)
+        read = "; ".join(map(str, words)) + f"; coldest melt {best.coldest_degC:g} °C"
         return [
             Text(
-                f"{len(self.scored)} readings, seed {self.seed}; claims reproduced of {claims[0]} (section 4, open "
-                f"branch of chain 1, {_POSES} poses) and {claims[1]} (section 5)"
+                f"{len(self.scored)} readings, seed {self.seed}; number of claims reproduced, of {claims[0]} (section "
+                f"4, open branch of chain 1, {_POSES} poses) and {claims[1]} (section 5)"
             ),
             "",
             self._by_sizes(),
             "",
             self._decided(),
             "",
-            Text(f"most in all: {sum(best.score)} of {sum(claims)}, by {read}. No reading wins all."),
+            Text(f"most in all: {sum(best.score)} of {sum(claims)}, by {read}. No reading reproduces all."),
         ]
 
     def _by_sizes(self) -> Table:
         """Return one row a reading of sizes and tilt; columns for the others."""
         table = Table(
-            title="Claims reproduced: section 4 by normals and statistic, section 5 by coldest melt",
+            title="Claims reproduced: section 4 by sense of common normals and statistic, section 5 by coldest melt",
             title_justify="left",
             title_style="bold",
         )
@@ -234,7 +234,7 @@ class ReadingsReport(PaperReport):
     def _decided(self) -> Table:
         """Return the claims that some readings reproduce and others do not, and with which sizes."""
         table = Table(
-            title="Claims on which readings disagree: where they are reproduced",
+            title="Claims on which readings disagree, and the readings that reproduce them",
             title_justify="left",
             title_style="bold",
         )
