@@ -113,9 +113,9 @@ def performance_line(calibration: CalibrationFindings) -> str:
     """Return accuracy and repeatability in words."""
     found = calibration.performance
     if found is None:
-        return "ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"
+        return "ISO 9283 accuracy and repeatability: unknown, as no pose was measured three times or more"
     line = (
-        f"after ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
+        f"ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
         f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
     )
     if math.isfinite(found.rp_mrad):
@@ -132,14 +132,14 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     _, point = calibration.present.definition.tool_words
     # Closures need no device, and have no frames.
     device = any(kind != "closure" for kind in calibration.noise.measured)
-    # What the frames and the robot share is known of their sum only: the point goes with the target, as nobody saw it.
-    axes = "seen by the device, and fixed to the target, " if device else ""
+    # Errors that frames and robot share are known by their sum only: the point goes with the target, as nobody saw it.
+    axes = " in the device's axes, fixed to the target," if device else ""
     if device and not calibration.ladle.located:
-        axes = "in the robot's own base, for the data hardly tell where device and target stand, "
+        axes = " in the robot's base, as the data hardly show where device and target stand,"
     return (
-        f"as far as what was kept explains the robot, {axes}the model knows each coordinate of {point} to "
-        f"±{np.median(half):.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm, and in the "
-        f"poses measured ±{np.median(measured):.3f} mm; measurement noise comes on top"
+        f"uncertainty of each coordinate of {point}{axes} if the model holds: ±{np.median(half):.3f} mm "
+        f"(95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm, in the measured poses "
+        f"±{np.median(measured):.3f} mm; the noise of a measurement comes on top"
     )
 
 
@@ -147,7 +147,7 @@ def group_lines(calibration: CalibrationFindings) -> list[str]:
     """Return the dependent groups by name: what can be told, and how much cannot."""
     lines = []
     for group in calibration.base.groups:
-        lines.append(f"{len(group.members)} tied, {group.hidden} direction(s) unseen: {', '.join(group.members)}")
+        lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) unseen: {', '.join(group.members)}")
         lines += [f"    identifiable: {text}" for text in group.texts()]
     if calibration.base.unseen:
         lines.append(f"without any effect here: {', '.join(calibration.base.unseen)}")
@@ -159,7 +159,7 @@ def split_line(calibration: CalibrationFindings) -> str:
     split, left_out = calibration.split, calibration.left_out
     lines = f" ({where(calibration.campaign, left_out)})" if left_out.size else ""
     return (
-        f"held out: {split.test_name} ({split.test.size} rows), for the final figures and a last yes or no; fitted: "
+        f"held out for the final test: {split.test_name} ({split.test.size} rows); fitted: "
         f"{split.train.size} rows in {len(split.folds)} blocks; left out: {counted(left_out.size, 'row')}{lines}"
     )
 
@@ -177,9 +177,7 @@ def html_report(calibration: CalibrationFindings) -> str:
             *notes,
             Paragraph("Combinations that move the target alike count as one:"),
             combination_table(calibration),
-            Paragraph(
-                "Each parameter by itself; where several act alike, tolerances share the movement out among them:"
-            ),
+            Paragraph("Each parameter by itself; where several act alike, tolerances distribute the error among them:"),
             parameter_table(line for line in lines if line.seen),
             Paragraph(left),
         ]

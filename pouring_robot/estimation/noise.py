@@ -158,8 +158,8 @@ class NoiseLevel:
         unstated = [kind for kind in self.measured if self[kind].source != "stated"]
         exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
         why = {
-            "it still changed when the fits that tell it ended": [] if self.settled else unstated,
-            f"hardly any is left over, so {LEAST_NOISE / MM:g} mm or mrad stands for it": exact,
+            "its estimate had not settled when the fits ended": [] if self.settled else unstated,
+            f"residuals are nearly zero, so {LEAST_NOISE / MM:g} mm or mrad stands for it": exact,
         }
         keys = {words: ", ".join(map(noise_key, kinds)) for words, kinds in why.items() if kinds}
         return [f"{words}: state it ({names} in the YAML)" for words, names in keys.items()]
@@ -176,9 +176,10 @@ class NoiseLevel:
             if self[kind].source == "stated" and times > LEAST_FACTOR and chance < FALSE_ALARMS:
                 (unit, si), each = unit_of(kind), "coordinate" if kind == "position" else kind
                 found.append(
-                    f"the noise stated for each {each} is {times:.2g} times what is left over, "
-                    f"{left[kind].sigma / si:.2g} {unit}: what is smaller than stated is not seen, and intervals are "
-                    f"too wide; state what repeats scatter by ({noise_key(kind)} in the YAML)"
+                    f"the noise stated for each {each} is {times:.2g} times the residuals, "
+                    f"{left[kind].sigma / si:.2g} {unit}: "
+                    f"errors below the stated noise go unseen, and intervals are too wide; state the scatter of "
+                    f"repeated measurements ({noise_key(kind)} in the YAML)"
                 )
         return found
 

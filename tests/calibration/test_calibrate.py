@@ -211,7 +211,7 @@ def test_stretches_are_those_of_the_rows_that_are_fitted(clean):
 def test_a_noise_that_is_stated_too_large_is_said(clean):
     wide = clean.campaign.metadata.model_copy(update={"sigma_rotation_rad": 5.0 * SIGMA_RAD})
     found = calibrate(damaged(clean.campaign, metadata=wide), None, CalibrationOptions(("drives",), choose=False))
-    said = [line for line in warnings_of(found) if "what is smaller than stated is not seen" in line]
+    said = [line for line in warnings_of(found) if "errors below the stated noise go unseen" in line]
     assert len(said) == 1 and "sigma_rotation_mrad" in said[0]
 
 
@@ -234,7 +234,7 @@ def test_a_noise_that_nobody_states_settles_or_is_said_not_to(clean, monkeypatch
     monkeypatch.setattr("pouring_robot.estimation.map_fit._NOISE_ROUNDS", rounds)
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None})
     found = calibrate(damaged(clean.campaign, metadata=metadata), None, CalibrationOptions(("drives",), choose=False))
-    still = "it still changed when the fits that tell it ended: state it (sigma_position_mm in the YAML)"
+    still = "its estimate had not settled when the fits ended: state it (sigma_position_mm in the YAML)"
     assert [line.endswith(still) for line in warnings_of(found) if "cannot judge the fit" in line] == [rounds == 1]
 
 
@@ -285,8 +285,8 @@ def test_rows_of_one_attitude_tell_such_poses_and_no_others():
     found = calibrate(simulate_campaign(arm, plan, options).campaign, None, CalibrationOptions(parameters=("drives",)))
     assert np.median(found.ladle.half_width_m) > 0.01
     assert np.median(found.ladle_measured.half_width_m) < 1e-4
-    assert ladle_line(found).endswith(" mm; measurement noise comes on top")
-    assert "in the poses measured ±0.0" in ladle_line(found)
+    assert ladle_line(found).endswith(" mm; the noise of a measurement comes on top")
+    assert "in the measured poses ±0.0" in ladle_line(found)
 
 
 @pytest.fixture(scope="module")
@@ -311,7 +311,7 @@ def test_held_out_rows_refuse_what_makes_them_worse(misled):
     assert not calibration.changed
     assert calibration.calibrated.joint_placements == {}
     np.testing.assert_allclose(calibration.after, calibration.before, atol=1e-6)
-    assert any("rows held out refuse what was found (fixed_centres)" in line for line in warnings_of(calibration))
+    assert any("held-out rows refute what was found (fixed_centres)" in line for line in warnings_of(calibration))
     assert calibration.headline.startswith("No geometry found that explains the error")
 
 

@@ -64,4 +64,4 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
 def test_the_model_file_says_that_heat_took_no_part(found):
     warm = found.present.model_copy(update={"heat": HeatSection()})
     assert "heat section" not in described(found).description
-    assert "heat section of the model took no part" in described(replace(found, present=warm)).description
+    assert "heat section of the model was not used" in described(replace(found, present=warm)).description

@@ -108,7 +108,7 @@ def test_accuracy_and_repeatability(found, unchanged):
     before, after, repeatability = (float(x) for x in re.findall(r"([0-9.]+) mm", line)[:3])
     assert before > 3.0 * after
     assert 0.0 < repeatability < 1.0
-    assert "not known" in performance_line(unchanged)
+    assert "unknown" in performance_line(unchanged)
 
 
 def test_tables_fit_their_headings(found):

@@ -41,7 +41,7 @@ def test_unchanged_figures(unchanged):
     assert figures["status"] == "unchanged"
     assert figures["parameters"] == []
     # The y of target and tracker cannot be told apart, but nothing was changed along it.
-    assert figures["warnings"] == ["no parameter helped rows that were held out, so the model is unchanged"]
+    assert figures["warnings"] == ["no parameter improves held-out rows, so the model is unchanged"]
     assert figures["iso_9283"] is None
 
 
@@ -65,7 +65,7 @@ def test_warnings(found):
     # Groups that few rows did not tell from chance may be what is left, too.
     kept = large.selection.groups
     more = replace(large, candidates=(*kept, replace(kept[0], name="others")))
-    assert any("or what was not kept (others; --keep-all keeps all)" in line for line in warnings_of(more))
+    assert any("or a group that was not kept (others; --keep-all keeps all)" in line for line in warnings_of(more))
     assert not any("not kept" in line for line in warnings_of(replace(large, candidates=kept)))
 
 
@@ -73,8 +73,8 @@ def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(fo
     equations = replace(found.fit.equations, failed=np.array([3, 7]))
     short = replace(found, fit=replace(found.fit, equations=equations, converged=False, last_step=0.4))
     added = [line for line in warnings_of(short) if line not in warnings_of(found)]
-    assert len(added) == 2 and "ended at its limit" in added[0] and "is 0.40 standard deviations" in added[0]
-    assert added[1] == "no pose of the robot has the drives of 2 rows; left out"
+    assert len(added) == 2 and "ended at its limit" in added[0] and "was 0.40 standard deviations" in added[0]
+    assert added[1] == "no pose of the robot matches the drives of 2 rows; left out"
     figures = calibration_metrics(short)
     assert (figures["fit"]["converged"], figures["rows"]["not_closing"]) == (False, 2)
 
@@ -84,7 +84,7 @@ def test_of_a_workspace_without_a_pose_it_is_said_so(found):
     none = replace(found, ladle=replace(found.ladle, position_m=np.zeros((0, 3)), std_m=np.zeros((0, 3))))
     assert calibration_metrics(none)["ladle"] == {"poses": 0}
     assert ladle_line(none) == "the workspace box holds no pose the robot can take"
-    assert [any("known least" in line for line in next_measurements(one)) for one in (found, none)] == [True, False]
+    assert [any("least certain" in line for line in next_measurements(one)) for one in (found, none)] == [True, False]
 
 
 def test_what_is_worse_is_told_of_every_kind(found):
@@ -101,9 +101,9 @@ def test_what_to_measure_next(found, unchanged):
     lines = next_measurements(found)
     assert any("poses that narrow the intervals most" in line for line in lines)
     short = replace(found, rank_anywhere=found.base.rank + 3)
-    assert any("poses that determine what is still open" in line for line in next_measurements(short))
+    assert any("poses that determine what is still unknown" in line for line in next_measurements(short))
     assert any("campaign plan --out next.csv --priors" in line for line in lines)
-    assert any("known least at x" in line for line in lines)
+    assert any("least certain at x" in line for line in lines)
     assert not any("measured three times" in line for line in lines)
     assert any("measured three times" in line for line in next_measurements(unchanged))
     places = replace(found, campaign=replace(found.campaign, rotation_vector_rad=None))
@@ -131,7 +131,7 @@ def test_notes_say_what_no_measurement_tells(found, unchanged):
     never = len(found.base.names) - found.base.rank
     assert any(f"rank deficient by nature: {never} of {len(found.base.names)} directions" in line for line in notes)
     assert any("the full pose of the target nowhere" in line for line in notes)
-    assert any("each by itself, held by their tolerances" in line for line in notes)
+    assert any("individually held by their tolerances" in line for line in notes)
     assert calibration_metrics(found)["notes"] == notes
     assert notes_of(unchanged) == []
 
@@ -146,7 +146,7 @@ def test_groups_not_kept_are_named_as_taken_for_exact(found):
 
 def test_a_heat_section_that_took_no_part_is_warned_of(found):
     warm = replace(found, present=found.present.model_copy(update={"heat": HeatSection()}))
-    assert any("heat section of the model took no part" in line for line in warnings_of(warm))
+    assert any("heat section of the model was not used" in line for line in warnings_of(warm))
 
 
 @pytest.mark.parametrize(("factor", "lines_of", "shown"), [(4.0, warnings_of, ".1f"), (0.2, notes_of, ".2f")])
@@ -154,7 +154,7 @@ def test_values_far_from_their_tolerances_are_told(found, factor, lines_of, show
     """A robot made to its tolerances is silent; one four times as far off is not, nor one that is a fifth."""
 
     def told(one):
-        return [line for line in lines_of(one) if "times as far off as its tolerances" in line]
+        return [line for line in lines_of(one) if "times as large as the tolerances" in line]
 
     assert not told(found)
     scaled = replace(found.fit.unknowns, values=factor * found.fit.unknowns.values)
@@ -162,7 +162,7 @@ def test_values_far_from_their_tolerances_are_told(found, factor, lines_of, show
     frame = other.to_frame()
     times = np.sqrt(((frame["value"] / frame["prior_std"]) ** 2).sum() / frame["learnt"].sum())
     assert abs(np.log(times)) > np.log(2.0)
-    assert [f"is {times:{shown}} times as far off" in line for line in told(other)] == [True]
+    assert [f"are {times:{shown}} times as large" in line for line in told(other)] == [True]
 
 
 def test_rows_that_are_worse_one_by_one_are_told_though_their_values_are_not(found):

@@ -110,7 +110,7 @@ def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     monkeypatch.setattr("pouring_robot.diagnosis.searched._NOISE_ROUNDS", 1)
     found = diagnose(damaged(campaign, metadata=silent), None, DiagnosisOptions(next_count=0))
-    doubt = "the noise: it still changed when the fits that tell it ended: state it (sigma_position_mm, "
+    doubt = "the noise: its estimate had not settled when the fits ended: state it (sigma_position_mm, "
     assert any(note.startswith(doubt) for note in found.notes)
 
 
@@ -119,5 +119,5 @@ def test_a_noise_that_is_stated_too_large_is_said(drawing):
     campaign = measure(drawing, seed=4).campaign
     wide = campaign.metadata.model_copy(update={"sigma_position_m": 5.0 * SIGMA_M})
     found = diagnose(damaged(campaign, metadata=wide), None, DiagnosisOptions(next_count=0))
-    said = [note for note in note_lines(found) if "what is smaller than stated is not seen" in note]
+    said = [note for note in note_lines(found) if "errors below the stated noise go unseen" in note]
     assert len(said) == 1 and "sigma_position_mm" in said[0]

@@ -207,7 +207,7 @@ def test_a_noise_that_is_stated_more_than_twice_too_large_is_said(share, count, 
     lines = stated.too_large(component, residual, np.ones(len(residual)))
     assert len(lines) == (2 if said else 0)
     if said:
-        assert "stated for each coordinate is 2.2 times what is left over, 0.045 mm" in lines[0]
-        assert "stated for each rotation is 2.2 times what is left over, 0.09 mrad" in lines[1]
+        assert "stated for each coordinate is 2.2 times the residuals, 0.045 mm" in lines[0]
+        assert "stated for each rotation is 2.2 times the residuals, 0.09 mrad" in lines[1]
     left_over = NoiseLevel({"position": Noise(1e-4, "residuals"), "rotation": Noise(2e-4, "repeats", 60.0)})
     assert not left_over.too_large(component, residual, np.ones(len(residual)))
