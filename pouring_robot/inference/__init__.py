@@ -1,7 +1,8 @@
-"""Which explanations data ask for, and what may be said: evidence, hypotheses, search, decision.
+"""Which explanations the data require, and what may be said: evidence, hypotheses, search, decision.
 
 Arrays only: nothing here knows a robot, a campaign or an effect. ``Problem.build`` takes residuals, the columns of
-nuisance parameters and those of every explanation; ``search`` finds which are at work, ``judge`` what may be said.
+nuisance parameters and those of every explanation; ``search`` finds which are at work, ``judge`` decides what may be
+said.
 """
 
 from __future__ import annotations

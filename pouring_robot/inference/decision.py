@@ -1,4 +1,4 @@
-"""From what was found to what may be said: verdict, alternatives, probabilities. Nothing here knows the robot."""
+"""From the best hypothesis to what may be said: verdict, alternatives, probabilities. Nothing here knows the robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.mechanism.arrays import FloatArray, Indices, rms
 
 Varied = Callable[[str], Iterable[Process]]
-"""Gives the processes by which the size of an effect that is at work may vary, by its id."""
+"""Gives the processes by which the size of an effect at work may vary, by its id."""
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 _MOST_PARTS = 3
 
@@ -32,14 +32,14 @@ class Cause:
 
     effect: str  # its id
     form: str  # in which form it fits best
-    # of its items in the hypothesis, several where it takes several forms; none for workmanship that is all there is
+    # of its items in the hypothesis, several where it takes several forms; none for workmanship that stands alone
     indices: tuple[int, ...]
-    alternatives: tuple[str, ...]  # effects that these data cannot tell apart from it
+    alternatives: tuple[str, ...]  # effects that these data cannot distinguish from it
     probability: float  # that it is at work rather than an alternative, chance or something that the library lacks
     evidence: float  # log evidence of the hypothesis with it against the best one without it, in nats
-    # root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations
+    # root mean square of its part in the predictions, free unknowns projected out, in noise standard deviations
     size: float
-    exact: bool = False  # whether its form is all that nature can do: places and axes of rigid joints are
+    exact: bool = False  # whether its form covers all that is physically possible, as placements of rigid joints do
     margins: Mapping[str, float] = field(default_factory=dict)  # of its close rivals, as :func:`~.alternatives.rivals`
 
     def keys(self, hypothesis: Hypothesis) -> list[tuple[str, str]]:
@@ -53,23 +53,23 @@ class Judgement:
 
     verdict: Verdict  # no_gap, named, group or unknown
     causes: tuple[Cause, ...]  # named effects, in the order they were added
-    structures: tuple[Structure, ...]  # what structure is left, most evident first
-    # of each cause that was found as one, the process that would explain best in its place
+    structures: tuple[Structure, ...]  # structure left in the residual, most evident first
+    # for each cause that the search found, the process that would explain best in its place
     challenges: tuple[Challenge, ...]
     reasons: tuple[str, ...] = ()  # why the verdict is what it is, one line each
-    tried: int = 1  # so many processes
+    tried: int = 1  # number of processes tried
     thresholds: Thresholds = DEFAULT_THRESHOLDS  # by which it was judged
-    minor: tuple[str, ...] = ()  # effects that are at work at most beside others, adding too little to be causes
-    remainder: tuple[Summand, ...] = ()  # processes whose sum describes what is left, largest first
-    larger_noise: LargerNoise | None = None  # as which what is left scatters from row to row; None where it does not
+    minor: tuple[str, ...] = ()  # effects at work only with others, if at all, that add too little to be causes
+    remainder: tuple[Summand, ...] = ()  # processes whose sum describes the residual, largest first
+    larger_noise: LargerNoise | None = None  # as which the residual scatters from row to row; None where it does not
     # effects that may be a part of something unknown: a process in their place would explain nearly as well
     doubtful: tuple[str, ...] = ()
-    # root mean square of all that is unknown, in noise standard deviations, what doubtful effects take up of it counted
+    # root mean square of all that is unknown, in noise standard deviations, including what doubtful effects absorb
     unknown_size: float = 0.0
 
     @property
     def scatters(self) -> bool:
-        """Whether what is left scatters from row to row, as a larger noise would."""
+        """Whether the residual scatters from row to row, as a larger noise would."""
         return self.larger_noise is not None
 
     @property
@@ -87,21 +87,21 @@ class Judgement:
 
     @property
     def structure_evidence(self) -> float:
-        """What structure, or a process against a cause, must be worth, in nats."""
+        """Log evidence that structure, or a process against a cause, needs, in nats."""
         return self.thresholds.evidence_of_one_in(self.tried)
 
     @property
     def challenged(self) -> tuple[tuple[Cause, Challenge], ...]:
-        """Causes that processes were tried against, each with the best one."""
+        """Causes against which processes were tried, each with the best one."""
         return tuple(zip(self.causes, self.challenges, strict=False))
 
     @property
     def beaten(self) -> dict[str, Challenge]:
-        """Effects in whose place a process explains better, so that something is unknown, with that process."""
+        """Effects in whose place a process explains better, with that process: something is unknown."""
         return {c.effect: found for c, found in self.challenged if found.margin > self.structure_evidence}
 
     def disbelieved(self, why: str, gap: float) -> Judgement:
-        """Return the same with no cause that is sure, as something is wrong with all: the whole gap is unknown."""
+        """Return the same with all causes in doubt, as something is wrong with all: the whole gap is unknown."""
         reasons = (why, *(line for line in self.reasons if line != why))
         doubtful = tuple(cause.effect for cause in self.causes)
         return replace(self, verdict="unknown", reasons=reasons, doubtful=doubtful, unknown_size=gap)
@@ -118,30 +118,29 @@ def judge(
     unexplained: str = "",
     varied: Varied = lambda effect: (),
 ) -> Judgement:
-    """Return what may be said of a hypothesis, of the whole problem.
+    """Return what may be said of a hypothesis of the whole problem.
 
     Args:
         hypothesis: the best one.
         discrepancy: what processes find beside it.
-        thresholds: when something counts.
-        kind: of which kind of measurement, each with a noise of its own, every equation is, as labels (m,); by default
-            of one.
-        larger_noise: under which it is the best one, where what was left under the noise that is told scatters so.
-        noise_known: whether what is left may be a larger noise: not where that is what is left over itself, or where a
-            larger one was found to be none.
+        thresholds: of evidence and size.
+        kind: labels (m,) of the kind of measurement of each equation, each kind with its own noise; by default all one.
+        larger_noise: under which the hypothesis is the best one, where the residual under the stated noise scatters so.
+        noise_known: whether the residual may be a larger noise: not where the noise is estimated from the residual, or
+            where a larger noise was rejected.
         unexplained: why something is unknown whatever is found here; "" if nothing is.
         varied: how the size of each effect at work may vary; by default it does not.
     """
 
     @functools.cache
     def rest() -> tuple[Summand, ...]:
-        """Return the processes whose sum explains what is left, worked out where that decides something."""
+        """Return the processes whose sum explains the residual, computed only where needed."""
         return tuple(discrepancy.sum(thresholds.evidence_of_one_in(len(discrepancy)), _MOST_PARTS))
 
-    left = discrepancy.structures()
+    structures = discrepancy.structures()
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
-    own = _of_their_own(hypothesis, effects, varied, thresholds)
-    large = [_cause(hypothesis, effect, thresholds) for effect in own]
+    independent = _independent(hypothesis, effects, varied, thresholds)
+    large = [_cause(hypothesis, effect, thresholds) for effect in independent]
     adds = [_added(hypothesis, cause.indices) for cause in large]
     faint = min(adds, default=0.0) < thresholds.minor_share * max(adds, default=0.0)
     remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint else 0.0
@@ -149,7 +148,7 @@ def judge(
     at_work = {cause.effect for cause in causes}
     minor = tuple(effect for effect in effects if effect not in at_work)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
-    found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
+    found = Judgement("unknown", tuple(causes), tuple(structures), challenges, (), len(discrepancy), thresholds, minor)
     found, beside = replace(found, larger_noise=larger_noise), discrepancy
     if noise_known and not found.scatters and (found.clear_structures or found.beaten):
         one = np.zeros(len(hypothesis.problem.residual), dtype=np.intp)
@@ -157,7 +156,7 @@ def judge(
         causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
-        # Where something is unknown it is for a cause to show that it is no part of that.
+        # Where something is unknown, each cause must have evidence that it is no part of that.
         least, limit = thresholds.evidence_of_one_in(1), found.structure_evidence
         doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
         found = replace(found, doubtful=tuple(doubtful))
@@ -173,7 +172,7 @@ def judge(
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
     if verdict == "unknown" and not found.scatters:
-        size = min(_unknown_size(discrepancy, found, rest), hypothesis.problem.given_size)  # others undo what is more
+        size = min(_unknown_size(discrepancy, found, rest), hypothesis.problem.given_size)  # others cancel any excess
         found = replace(found, remainder=rest() if found.clear_structures else (), unknown_size=size)
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons))
 
@@ -181,7 +180,7 @@ def judge(
 def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[], Sequence[Summand]]) -> float:
     """Return the size of what is unknown, in noise standard deviations: of processes that explain it together.
 
-    What a doubtful cause takes up is a part of it, so they are asked without any.
+    Doubtful causes absorb a part of it, so the processes are fitted without them.
     """
     doubtful = [k for cause in found.causes if cause.effect in found.doubtful for k in cause.indices]
     together = discrepancy.without(doubtful).sum(found.structure_evidence, _MOST_PARTS) if doubtful else rest()
@@ -189,10 +188,10 @@ def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[],
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement, kind: Indices) -> tuple[Judgement, Discrepancy]:
-    """Return the same judged under a larger noise, where with that nothing is left that any process explains.
+    """Return the judgement under a larger noise, and its discrepancy, if no process explains anything under that noise.
 
-    And what processes find beside it then. What that noise leaves no evidence for is no cause. Of several ways in which
-    the noise may be larger it is the most evident one.
+    Causes without enough evidence under that noise are dropped. Of several ways in which the noise may be larger, the
+    most evident one that does this is taken. Without any, both are returned unchanged.
     """
     for larger in discrepancy.larger_noise(kind):
         if larger.evidence <= found.structure_evidence:
@@ -203,26 +202,26 @@ def _as_noise(discrepancy: Discrepancy, found: Judgement, kind: Indices) -> tupl
         least = found.thresholds.evidence_of_one_in(1)
         causes = tuple(cause for cause in found.causes if under.hypothesis.worth(cause.indices) > least)
         minor = (*found.minor, *(cause.effect for cause in found.causes if cause not in causes))
-        challenges, left = tuple(under.challenge(cause.indices) for cause in causes), tuple(under.structures())
-        judged = replace(found, causes=causes, structures=left, challenges=challenges, minor=minor)
+        challenges, structures = tuple(under.challenge(cause.indices) for cause in causes), tuple(under.structures())
+        judged = replace(found, causes=causes, structures=structures, challenges=challenges, minor=minor)
         return replace(judged, larger_noise=larger), under
     return found, discrepancy
 
 
 def _nothing_clear(discrepancy: Discrepancy, times: FloatArray, found: Judgement) -> Discrepancy | None:
-    """Return what processes find where noise is so many times as large, (m,); None where it is still clear."""
+    """Return the discrepancy with each equation's noise multiplied by a factor, (m,); None if a process is clear."""
 
-    def under(seen: Discrepancy) -> Discrepancy | None:
-        over = seen.over(times)
+    def under(given: Discrepancy) -> Discrepancy | None:
+        over = given.over(times)
         return None if any(one.evidence > found.structure_evidence for one in over.structures()) else over
 
-    # Mostly what is clearest stays so, and no other process need be asked.
+    # The clearest process mostly stays clear, so that no other need be tried.
     first = (discrepancy.only(one.process.name) for one in found.structures[:1])
     return None if any(under(one) is None for one in first) else under(discrepancy)
 
 
 def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:
-    """Return a hypothesis without some minor effects, settled, and what was said of it, of this one."""
+    """Return a hypothesis without some minor effects, settled, and the judgement adapted to it."""
     dropped = {k for effect in effects for k in hypothesis.of_effect(effect)}
     places = {k: new for new, k in enumerate(k for k in range(len(hypothesis.items)) if k not in dropped)}
     causes = [replace(cause, indices=tuple(places[k] for k in cause.indices)) for cause in judged.causes]
@@ -232,18 +231,18 @@ def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection
 def _above(causes: Sequence[Cause], adds: Sequence[float], remainder: float, thresholds: Thresholds) -> list[Cause]:
     """Return the causes without small ones that add less than what processes explain, in noise standard deviations.
 
-    On a real machine no cause has quite the library's form. What that leaves over can be explained a little by many an
-    effect, and with many rows beyond any doubt, but by none as its cause.
+    On a real machine no cause has exactly the library's form. Many effects explain a little of the difference, with
+    many rows beyond doubt, but none is its cause.
     """
     least = min(remainder, thresholds.minor_share * max(adds, default=0.0))
     return [cause for cause, added in zip(causes, adds, strict=True) if added >= least]
 
 
-def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied, thresholds: Thresholds) -> list[str]:
+def _independent(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied, thresholds: Thresholds) -> list[str]:
     """Return the effects that do more than correct the form of a larger one.
 
-    What corrects it the larger one explains as well in its place, if its own size varies with some condition. A small
-    effect must do clearly more. That all conditions of all larger ones are tried is in their favour: no more is asked.
+    A larger effect whose size varies with some condition explains such a correction as well. A small effect must do
+    clearly more. That all conditions of all larger ones are tried favours these: no more evidence is required.
     """
     items = {effect: hypothesis.of_effect(effect) for effect in effects}
     squared = {effect: hypothesis.squared_size(*indices) for effect, indices in items.items()}
@@ -262,7 +261,7 @@ def _of_their_own(hypothesis: Hypothesis, effects: Sequence[str], varied: Varied
 def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
     """Return by how much the absence of items would raise the residual, all else held, in noise standard deviations.
 
-    The square root of twice their log evidence an equation.
+    The square root of twice their log evidence per equation.
     """
     return float(np.sqrt(2.0 * max(hypothesis.worth(indices), 0.0) / len(hypothesis.problem.residual)))
 
@@ -285,9 +284,9 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
 
 
 def _worth_saying(hypothesis: Hypothesis, loose: Sequence[int], thresholds: Thresholds) -> bool:
-    """Return whether what is no cause is more than a minor part of workmanship, as causes are told, and than the noise.
+    """Return whether items that are no causes exceed the noise, and are no minor part compared with workmanship.
 
-    What hides in less than the noise is smaller than what anybody is to find.
+    What is smaller than the noise need not be found.
     """
     size = len(hypothesis.problem.residual)
     if hypothesis.squared_size(*loose) < size:
@@ -304,7 +303,7 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     margins = rivals(hypothesis, indices, thresholds)
     probability = _probability(hypothesis, evidence, thresholds) * float(softmax([0.0, *margins.values()])[0])
     size = float(np.sqrt(hypothesis.squared_size(*indices) / len(hypothesis.problem.residual)))
-    # Errors of joints are what workmanship leaves, too: each place and axis that there is, as a parameter of its own.
+    # Errors of joints have all forms that workmanship has: each position and axis is a parameter of its own.
     exact = effect in {kind.effect for kind in hypothesis.problem.workmanship}
     form, others = hypothesis.items[main].form, alternatives(hypothesis, indices, margins, thresholds)
     return Cause(effect, form, indices, others, probability, evidence, size, exact, margins)
@@ -316,19 +315,19 @@ def _evidence(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 
 
 def _probability(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
-    """Return the probability that a part worth E nats is neither noise nor of something unknown.
+    """Return the probability that a part with a log evidence of E nats is neither noise nor of something unknown.
 
-    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library. Whether what looks like an effect is one that the
-    library holds no data of one campaign tell: that it is not counts with the accepted rate of false names.
+    It is (1 − RATE) / (1 + n exp(−E)) with n effects in the library. The data of one campaign cannot show whether what
+    looks like an effect is one outside the library: the accepted rate of false names is the probability of that.
     """
     odds = evidence + log_prior_odds(len(hypothesis.problem.known))
     return (1.0 - thresholds.false_names) * float(expit(odds))
 
 
 def workmanship_causes(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
-    """Return kinds of workmanship as causes, where nothing else is found and the data ask for them.
+    """Return kinds of workmanship as causes, where nothing else is found and the data require them.
 
-    Mostly one kind of them explains as well as all; then it is named alone, with the others that do as alternatives.
+    Mostly one kind explains as well as all; then it is named alone, with the others that do so as alternatives.
     """
     kinds = [k for k, level in enumerate(hypothesis.levels) if level]
     without = hypothesis.with_levels_of(()).log_evidence
@@ -338,7 +337,7 @@ def workmanship_causes(hypothesis: Hypothesis, thresholds: Thresholds) -> list[C
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
     if alone[best].log_evidence < hypothesis.log_evidence - least:
-        # It takes several kinds: the one that does most is named, the others are there as they usually are.
+        # Several kinds are needed: the one that contributes most is named, the others are usual workmanship.
         kind = max(kinds, key=lambda k: float(np.square(hypothesis.workmanship_part(k)).sum()))
         rest = hypothesis.with_levels_of([j for j in kinds if j != kind]).log_evidence
         return [_small(hypothesis, kind, rest, instead_of_workmanship(hypothesis, kind, thresholds), thresholds)]
@@ -353,7 +352,7 @@ def workmanship_causes(hypothesis: Hypothesis, thresholds: Thresholds) -> list[C
 def _small(
     hypothesis: Hypothesis, kind: int, without: float, others: dict[str, float], thresholds: Thresholds
 ) -> Cause:
-    """Return a kind of workmanship as a cause; others explain as well, at their log densities."""
+    """Return a kind of workmanship as a cause; ``others`` are the log evidences of what explains as well."""
     evidence = hypothesis.log_evidence - without
     size = rms(hypothesis.workmanship_part(kind))
     share = softmax([hypothesis.log_evidence, *others.values()])[0]

@@ -1,20 +1,19 @@
 r"""Evidence: how much better data are explained if the coefficients of a group of columns may differ from zero.
 
-Whitened residuals r are Gaussian with covariance :math:`C = I + \sum_k \Phi_k W_k^2 \Phi_k^T`: each group k of columns
-counts with independent coefficients of standard deviations :math:`W_k`. All that is asked of C are inner products of
-columns and residual through its inverse. They follow from those of the columns themselves, the Gram matrix, by a
-Schur complement (:class:`Gram`, :class:`ConditionalGram`), so that the number of rows does not count once that is
-formed.
+Whitened residuals r are Gaussian with covariance :math:`C = I + \sum_k \Phi_k W_k^2 \Phi_k^T`: the coefficients of each
+group k of columns are independent, with standard deviations :math:`W_k`. All that is needed of C are inner products
+of columns and residual through its inverse. They follow from the Gram matrix of the columns by a Schur complement
+(:class:`Gram`, :class:`ConditionalGram`), so that the cost does not depend on the number of rows once that is formed.
 
 A group of columns has two unknown scales: one of all its coefficients, and one more of those that only shape the
-others. Its log evidence against its absence is in closed form for each pair of scales (d, p: squared singular values of
-the group's columns seen through C, and squared projections of the residual):
+others. Its log evidence against its absence has a closed form at each pair of scales (d, p: squared singular values of
+the group's columns, whitened by C, and squared projections of the residual):
 
 .. math:: \tfrac12 \sum_i \frac{p_i s^2 d_i}{1 + s^2 d_i} - \ln(1 + s^2 d_i)
 
-and is averaged over both, spread evenly in their logarithm, so that a group pays for columns it does not need
+and is averaged over both, evenly in their logarithm, so that a group pays for columns it does not need
 (Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, ch. 5; MacKay, Neural Computation 4, 1992).
-That is its Bayes factor (:func:`bayes_factor`); of them the evidence of several groups at work together is made
+That is its Bayes factor (:func:`bayes_factor`). Bayes factors give the evidence of several groups at work together
 (:func:`joint_evidence`), by which hypotheses are compared.
 """
 
@@ -35,13 +34,13 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 _NEGLIGIBLE = 1e-10
 _SMALL = 100
 _BLOCK = 32
-"""Columns that LAPACK reduces at a time."""
+"""Number of columns that LAPACK reduces at a time."""
 _EQUATIONS = 4096
-"""How many are looked at at a time: all columns of a large campaign would not fit into memory."""
+"""Number processed at a time: all columns of a large campaign would not fit into memory."""
 
 
 class Columns(Protocol):
-    """Columns (m, k): NumPy's array, or what works out those of some equations when they are asked for."""
+    """Columns (m, k): a NumPy array, or an object that computes the columns of some equations on request."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -52,7 +51,7 @@ class Columns(Protocol):
 
 
 def chunks(equations: int) -> Iterator[slice]:
-    """Yield the equations that are looked at together."""
+    """Yield slices of equations that are processed together."""
     for first in range(0, equations, _EQUATIONS):
         yield slice(first, first + _EQUATIONS)
 
@@ -61,16 +60,16 @@ class Scale(NamedTuple):
     """Standard deviations of a group's coefficients over their usual ones."""
 
     main: float  # of all of them
-    shaping: float = 1.0  # once more, of those that only shape the others
+    shaping: float = 1.0  # additional factor of those that only shape the others
 
     def weights(self, main: BoolArray) -> FloatArray:
-        """Return the factor of each coefficient, (k,); ``main`` (k,) says which do not only shape the others."""
+        """Return the factor of each coefficient, (k,); ``main`` (k,) is false for those that only shape the others."""
         return self.main * np.where(main, 1.0, self.shaping)
 
 
 @dataclass(frozen=True)
 class BayesFactor:
-    """What a group of columns is worth."""
+    """Log Bayes factor of a group of columns."""
 
     evidence: float  # log evidence against leaving it out, averaged over scales, in nats
     scale: Scale  # the most probable scales
@@ -79,7 +78,7 @@ class BayesFactor:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Inner products of columns and residual through the inverse of a covariance, all at hand."""
+    """Inner products of columns and residual through the inverse of a covariance, all in memory."""
 
     columns: FloatArray  # of the columns, (K, K)
     projected: FloatArray  # of the columns with the residual, (K,)
@@ -88,7 +87,7 @@ class Gram:
 
     @classmethod
     def of(cls, groups: Sequence[Columns], residual: FloatArray) -> Gram:
-        """Return those of groups of columns, (m, k) each, and residual (m,) beside unit noise alone."""
+        """Return those of groups of columns, (m, k) each, and residual (m,) with unit noise as the only covariance."""
         count = sum(columns.shape[1] for columns in groups)
         inner, projected = np.zeros((count, count)), np.zeros(count)
         for some in chunks(len(residual)) if groups else ():
@@ -102,11 +101,11 @@ class Gram:
         return self.columns.take(some, 0).take(others, 1)
 
     def scaled(self, weights: FloatArray) -> Gram:
-        """Return the same of columns that are so many times as large, (K,)."""
+        """Return the same with columns multiplied by weights (K,)."""
         return replace(self, columns=self.columns * weights * weights[:, None], projected=self.projected * weights)
 
     def under(self, factor: float) -> Gram:
-        """Return the same where the noise is so many times as large."""
+        """Return the same with the noise multiplied by a factor."""
         variance = factor**2
         return Gram(self.columns / variance, self.projected / variance, self.squared / variance)
 
@@ -137,7 +136,7 @@ class ConditionalGram:
     def _solved(self, values: FloatArray, *, transposed: bool = True) -> FloatArray:
         if not len(self.weights):
             return values
-        # Millions of small solutions: the routine itself, without what checks its arguments.
+        # Called millions of times for small systems, so the LAPACK routine itself, without checks of its arguments.
         solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=0, trans=transposed)[0]
         return solution
 
@@ -149,7 +148,7 @@ class ConditionalGram:
     def conditioned(
         self, shared: FloatArray, inner: FloatArray, projected: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return inner products of other columns (a,) with each other, (a, a), and the residual, (a,), conditional.
+        """Return conditional inner products of a other columns with each other, (a, a), and with the residual, (a,).
 
         From the unconditional ones: with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """
@@ -164,7 +163,7 @@ class ConditionalGram:
         return self._solved(self.weights[:, None] * shared)
 
     def coefficients_at(self, coordinates: FloatArray) -> FloatArray:
-        """Return the groups' standardised coefficients, (k,), that give coordinates (k,)."""
+        """Return the groups' standardised coefficients, (k,), for coordinates (k,)."""
         return self._solved(coordinates, transposed=False)
 
     @functools.cached_property
@@ -213,10 +212,10 @@ def _factor(matrix: FloatArray) -> FloatArray:
 
 
 def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
-    """Return by how much shaping coefficients must be multiplied to make as much of the prediction as the others.
+    """Return the factor of shaping coefficients at which they contribute as much to the prediction as the others.
 
-    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing. ``columns``
-    are inner products of a group's columns, (k, k), and ``main`` says which of them are no shaping, (k,).
+    Columns that are rounding errors only, because what they depend on does not vary, shape nothing. ``columns`` are
+    inner products of a group's columns, (k, k), and ``main`` is false for shaping columns, (k,).
     """
     sizes = np.diag(columns)
     whole, shaping = float(sizes[main].sum()), float(sizes[~main].sum())
@@ -226,12 +225,12 @@ def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
 def bayes_factor(
     columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> BayesFactor:
-    """Return what a group of columns is worth beside everything else.
+    """Return the Bayes factor of a group of columns, conditional on everything else.
 
     Args:
         columns: inner products of its columns through the inverse of the covariance of everything else, (k, k).
-        projected: of its columns with the residual, (k,).
-        main: which of them are no shaping, (k,); by default all.
+        projected: inner products of its columns with the residual, (k,).
+        main: false for columns that only shape the others, (k,); by default true for all.
         unit: of shaping; see :func:`shaping_unit`.
     """
     if not len(projected):
@@ -244,19 +243,19 @@ def bayes_factor(
 
 
 def log_mean_exp(values: FloatArray, axis: int | None = None) -> FloatArray:
-    """Return log evidence averaged over what it hangs on, all as likely: of all values, or along an axis."""
+    """Return the logarithm of the mean of exponentials, of all values or along an axis: averages log evidences."""
     peak = values.max(axis=axis)
-    return np.asarray(peak + np.log(np.exp(values - peak).mean(axis=axis)))  # of thousands SciPy's takes thrice as long
+    return np.asarray(peak + np.log(np.exp(values - peak).mean(axis=axis)))  # thrice as fast as SciPy for thousands
 
 
 def joint_evidence(log_posterior: float, factors: Sequence[BayesFactor], log_priors: Sequence[float]) -> float:
     """Return the log evidence of groups of columns at work together, up to a constant of the data, in nats.
 
     Args:
-        log_posterior: at their settled scales: the density of the residual, and the prior of all that is no group.
-        factors: what each group is worth beside the others: what averaging over its scales adds, all others held, is
-            the difference of its evidence and its peak.
-        log_priors: of each group being at work.
+        log_posterior: at their settled scales: log density of the residual plus the prior of all that is no group.
+        factors: Bayes factor of each group given the others. Averaging over its scales, with the others held, changes
+            the log evidence by its evidence minus its peak.
+        log_priors: log prior probability that each group is at work.
     """
     averaged = sum(factor.evidence - factor.peak for factor in factors)
     return log_posterior + averaged + sum(log_priors)
@@ -265,7 +264,7 @@ def joint_evidence(log_posterior: float, factors: Sequence[BayesFactor], log_pri
 def evidence_bound(
     columns: FloatArray, projected: FloatArray, main: BoolArray | None = None, unit: float = 1.0
 ) -> float:
-    """Return an upper bound of :func:`bayes_factor`: all that the widest scales explain, without what scales cost."""
+    """Return an upper bound of :func:`bayes_factor`: all that the widest scales explain, without their penalty."""
     widest = float(np.exp(LOG_SCALES[-1]))
     weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
     inner = weights[:, None] * columns * weights
@@ -275,7 +274,7 @@ def evidence_bound(
 
 
 def evidence_bound_within(columns: FloatArray, projected: FloatArray, limits: FloatArray) -> float:
-    """Return :func:`evidence_bound` of coefficients that stay within limits (k, 2)."""
+    """Return :func:`evidence_bound` for coefficients within limits (k, 2)."""
     inner = columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
     factor = np.linalg.cholesky(inner).T
     pulled = scipy.linalg.solve_triangular(factor, projected, trans="T")
@@ -289,9 +288,9 @@ def evidences(
     """Return :func:`bayes_factor`'s log evidence for many residuals, (d,), from their projections, (k, d), in nats."""
     _, weights = _grid(len(columns), main, unit)
     squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
-    kept = squared > _NEGLIGIBLE * squared[:, -1:]  # columns that nothing is left of explain nothing
-    seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected)
-    explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
+    kept = squared > _NEGLIGIBLE * squared[:, -1:]  # columns of which only rounding errors remain explain nothing
+    projections = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected)
+    explained = np.divide(projections**2, squared[:, :, None], out=np.zeros_like(projections), where=kept[:, :, None])
     variance = np.exp(2.0 * LOG_SCALES)[:, None] * np.where(kept, squared, 0.0)[:, None]
     values = 0.5 * ((variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None])
     return log_mean_exp(values.reshape(-1, projected.shape[1]), axis=0)
@@ -300,7 +299,7 @@ def evidences(
 def evidence_of_fewest(columns: FloatArray, projected: FloatArray, explained: float) -> float:
     """Return the log evidence of the fewest columns that explain a sum of squares at the widest scale, in nats.
 
-    Of all columns where even they do not. The next one is always that which explains most beside those before
+    Where even all columns do not, it is that of all. Each next column is the one that explains most given those before
     (orthogonal matching pursuit: Pati, Rezaiifar & Krishnaprasad, Asilomar Conference, 1993).
     """
     left, inner = projected, columns + np.exp(-2.0 * LOG_SCALES[-1]) * np.eye(len(columns))
@@ -311,9 +310,9 @@ def evidence_of_fewest(columns: FloatArray, projected: FloatArray, explained: fl
         best = int(gains.argmax())
         chosen.append(best)
         explained -= float(gains[best])
-        beside = inner[best] / inner[best, best]
-        left, inner = left - beside * left[best], inner - np.outer(beside, inner[best])
-        inner[chosen, chosen] = 1.0  # nothing but round-off is left of them
+        ratios = inner[best] / inner[best, best]
+        left, inner = left - ratios * left[best], inner - np.outer(ratios, inner[best])
+        inner[chosen, chosen] = 1.0  # only rounding errors remain of them
     return float(evidences(columns[np.ix_(chosen, chosen)], projected[chosen, None])[0]) if chosen else 0.0
 
 
@@ -327,38 +326,38 @@ def _grid(count: int, main: BoolArray | None, unit: float) -> tuple[list[Scale],
 def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray) -> FloatArray:
     """Return the log evidence of a group of columns at each scale, (p, s), for several sets of weights, (p, k).
 
-    In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
-    1 + s^2 T the pivots, from its end, give the determinant, and the last one the element that is asked for (Golub &
-    Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
+    In axes of which the first is the direction of the projected residual, the inner products are a tridiagonal matrix
+    T. The pivots of 1 + s^2 T, from its end, give the determinant, and the last one the element needed (Golub &
+    Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, much cheaper than eigenvectors.
     """
     (sets, count), variances = weights.shape, np.exp(2.0 * LOG_SCALES)[:, None]
-    diagonal, beside = np.empty((sets, 1, count)), np.empty((sets, 1, count))
+    diagonal, off_diagonal = np.empty((sets, 1, count)), np.empty((sets, 1, count))
     bordered = np.zeros((sets, count + 1, count + 1))
     np.multiply(weights, projected, out=bordered[:, 0, 1:])
     np.multiply(weights[:, :, None] * columns, weights[:, None], out=bordered[:, 1:, 1:])
     for k, own in enumerate(bordered):
         _, whole, off, _, _ = scipy.linalg.lapack.dsytrd(own.T, lower=1, lwork=_BLOCK * count, overwrite_a=1)
-        diagonal[k, 0], beside[k, 0] = whole[:0:-1], off[::-1]
-    steps, squared = variances * beside, variances[:, 0] * beside[..., -1] ** 2
-    steps[..., -1] = 0.0  # nothing stands between what are one matrix here: all scales, and a last 1
+        diagonal[k, 0], off_diagonal[k, 0] = whole[:0:-1], off[::-1]
+    steps, squared = variances * off_diagonal, variances[:, 0] * off_diagonal[..., -1] ** 2
+    steps[..., -1] = 0.0  # uncouples the blocks of this one matrix: all scales, and a last 1
     pivots = _pivots(np.append(1.0 + variances * diagonal, 1.0), steps.ravel())[:-1].reshape(steps.shape)
     return np.asarray(0.5 * (squared / pivots[..., -1] - np.log(pivots).sum(axis=2)))
 
 
-def _pivots(diagonal: FloatArray, beside: FloatArray) -> FloatArray:
-    """Return the pivots (k,) of a tridiagonal matrix that none but for rounding is below 1 of; both are overwritten."""
+def _pivots(diagonal: FloatArray, off_diagonal: FloatArray) -> FloatArray:
+    """Return the pivots (k,) of a tridiagonal matrix, at least 1 but for rounding; both arguments are overwritten."""
     first = 0
-    while failed := scipy.linalg.lapack.dpttrf(diagonal[first:], beside[first:], overwrite_d=1, overwrite_e=1)[2]:
+    while failed := scipy.linalg.lapack.dpttrf(diagonal[first:], off_diagonal[first:], overwrite_d=1, overwrite_e=1)[2]:
         first += failed - 1
-        diagonal[first] = 1.0  # rounding has left nothing of this one: on from it
+        diagonal[first] = 1.0  # lost to rounding: continue from here
     return np.maximum(diagonal, 1.0, out=diagonal)
 
 
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues and axes of a symmetric matrix (k, k), or of each of several (p, k, k).
+    """Return eigenvalues and eigenvectors of a symmetric matrix (k, k), or of each of several (p, k, k).
 
-    Divide and conquer, NumPy's way, is quickest while matrices are small; of hundreds of eigenvalues that lie close
-    together some kernels of OpenBLAS find none (no convergence), where relatively robust representations do.
+    Divide and conquer (NumPy) is fastest for small matrices. For hundreds of eigenvalues that lie close together some
+    kernels of OpenBLAS do not converge in it; relatively robust representations do.
     """
     if matrix.shape[-1] <= _SMALL:
         return np.linalg.eigh(matrix)
@@ -370,7 +369,7 @@ def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def largest_scale(columns: FloatArray, projected: FloatArray, probability: float = 0.975) -> float:
-    """Return the scale that the coefficients of a group, as of :func:`bayes_factor`, are below with a probability."""
+    """Return the upper bound, at a probability, of the scale of a group's coefficients, as of :func:`bayes_factor`."""
     worth = _over_scales(np.ones((1, len(columns))), columns, projected)[0]
     shares = np.cumsum(np.exp(worth - worth.max()))
     return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

@@ -1,4 +1,4 @@
-"""What a diagnosis chooses from, for any model that predicts rows: nothing here knows the robot."""
+"""The explanations from which a diagnosis chooses, for any model that predicts rows. Nothing here knows the robot."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from pouring_robot.inference.priors import log_priors_of_forms
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_FORM = "background"
-"""What an effect's form is called in files where it is workmanship."""
+"""Name in files of an effect's form where it is workmanship."""
 _RANK = 1e-10
 Value = TypeVar("Value")
 
 
 def once(known: dict[Hashable, Any], what: Hashable, work: Callable[[], Value]) -> Value:
-    """Return what is worked out once, and known from then on."""
+    """Return a value that is computed once and then remembered."""
     if what not in known:
         known[what] = work()
     found: Value = known[what]
@@ -32,28 +32,28 @@ def once(known: dict[Hashable, Any], what: Hashable, work: Callable[[], Value]) 
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """What always free unknowns (frames, constants) can explain: taken out of everything before it is compared."""
+    """What always free unknowns (frames, constants) can explain: projected out of everything before comparison."""
 
-    axes: FloatArray  # orthonormal, of the span of their columns, shape (m, f)
+    axes: FloatArray  # orthonormal axes of the span of their columns, shape (m, f)
 
     @classmethod
     def of(cls, columns: FloatArray) -> Nuisance:
-        """Return the span of columns (m, k) of any scales, without axes that rounding alone makes."""
+        """Return the span of columns (m, k) of any scales, without axes that are rounding errors only."""
         size = np.linalg.norm(columns, axis=0)
         axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
         return cls(axes[:, values > _RANK * values.max(initial=0.0)])
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom f that it takes up."""
+        """Number of degrees of freedom f."""
         return int(self.axes.shape[1])
 
     def cleared(self, values: FloatArray) -> FloatArray:
-        """Return vectors (m,) or (m, k) without what the nuisance parameters explain."""
+        """Return vectors (m,) or (m, k) with the nuisance parameters projected out."""
         return np.asarray(values - self.axes @ (self.axes.T @ values))
 
     def clear(self, columns: Columns) -> Columns:
-        """Return columns (m, k) without it, few equations in memory, of many when they are asked for."""
+        """Return columns (m, k) with it projected out: in memory for few equations, on request for many."""
         some = list(chunks(len(self.axes)))
         if len(some) < 2:
             return self.cleared(columns[:])
@@ -65,7 +65,7 @@ class Nuisance:
 
 @dataclass(frozen=True, eq=False)
 class _Cleared:
-    """Columns without what nuisance parameters explain."""
+    """Columns with nuisance parameters projected out."""
 
     given: Columns
     nuisance: Nuisance
@@ -81,7 +81,7 @@ class _Cleared:
 
 @dataclass(frozen=True, eq=False)
 class _Over:
-    """Columns over a noise that is so many times as large in each equation, (m,)."""
+    """Columns whitened by a noise that is larger by a factor for each equation, (m,)."""
 
     given: Columns
     times: FloatArray
@@ -102,12 +102,12 @@ class Explanation:
     form: str  # which form; together with the effect it names the explanation
     columns: Columns  # shape (m, k): whitened signature of each parameter times the parameter's usual size
     main: BoolArray  # shape (k,): parameters that make the effect; the others only shape it and do not stand alone
-    # whether it may be named. What is no cause is there to be fitted and to explain, such as joints that the load turns
+    # whether it may be named. Others are only fitted, and explain, such as the turning of joints under load
     cause: bool = True
-    # a constant of which the form is one value; "" for one that may be at work beside any of its effect
+    # a constant of which the form is one value; "" for a form that may be at work with any other of its effect
     one_of: str = ""
-    bounds: FloatArray | None = None  # least and largest coefficient that nature allows, (k, 2); None: any is possible
-    series: bool = False  # whether its parameters are terms of a series, enough of which add up to any course
+    bounds: FloatArray | None = None  # physically possible range of the coefficients, (k, 2); None: unbounded
+    series: bool = False  # whether its parameters are terms of a series, enough of which add up to any curve
 
     @functools.cached_property
     def key(self) -> tuple[str, str]:
@@ -117,28 +117,28 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Workmanship:
-    """Small errors of one kind that every machine has: fitted beside all explanations, named where none explains."""
+    """Small errors of one kind that every machine has: fitted with all explanations, named where none explains."""
 
-    effect: str  # id of the effect that the same errors are called when they are all there is
-    columns: Columns  # shape (m, k), times the size of a part that nobody has measured
-    most: float = math.inf  # known to be no larger than this, as a standard deviation of the coefficients
+    effect: str  # id of the effect by which the same errors are named if nothing else is found
+    columns: Columns  # shape (m, k), times the usual error of an unmeasured part
+    most: float = math.inf  # known upper limit of the coefficients' standard deviation
 
     @property
     def key(self) -> tuple[str, str]:
-        """Effect and the form that workmanship is called by."""
+        """Effect, and the form that stands for workmanship."""
         return self.effect, WORKMANSHIP_FORM
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and all that may explain them, both without what the always free unknowns explain."""
+    """Residuals and all that may explain them, with the always free unknowns projected out of both."""
 
-    residual: FloatArray  # shape (m,): measured minus predicted over the noise
+    residual: FloatArray  # shape (m,): measured minus predicted, divided by the noise
     nuisance: Nuisance  # what free unknowns explain
     workmanship: tuple[Workmanship, ...]  # its kinds
     explanations: tuple[Explanation, ...]  # forms of effects
-    # squared size of the gap of the given model, in noise variances; where something was put in and, to first order,
-    # given back, the residual is another
+    # sum of squares of the gap of the given model, in noise variances. The residual differs from that gap where causes
+    # were put into the model and subtracted again to first order
     given_squared: float = math.inf
 
     @classmethod
@@ -149,7 +149,7 @@ class Problem:
         workmanship: Iterable[Workmanship],
         explanations: Iterable[Explanation],
     ) -> Problem:
-        """Return the problem of a residual (m,) beside free unknowns, fitted and never named, by columns (m, f)."""
+        """Return the problem of a residual (m,) and columns (m, f) of free unknowns, which are fitted, never named."""
         nuisance = Nuisance.of(free)
         cleared = tuple(replace(b, columns=nuisance.clear(b.columns)) for b in workmanship)
         found = tuple(replace(e, columns=nuisance.clear(e.columns)) for e in explanations)
@@ -167,7 +167,7 @@ class Problem:
 
     @functools.cached_property
     def log_priors(self) -> dict[str, float]:
-        """Log probability of a form of each effect, given the effect, in nats."""
+        """Log prior probability of one form of each effect, given the effect, in nats."""
         return log_priors_of_forms([item.effect for item in self.explanations])
 
     @property
@@ -192,11 +192,11 @@ class Problem:
         return found
 
     def places(self, item: Explanation | Workmanship) -> Indices:
-        """Return which columns of :attr:`gram` are those of an explanation or of a kind of workmanship."""
+        """Return the indices in :attr:`gram` of the columns of an explanation or of a kind of workmanship."""
         return self._places[item.key]
 
     def shown(self, item: Explanation) -> bool:
-        """Return whether the equations show an explanation at all."""
+        """Return whether an explanation affects any equation."""
         return bool(self.gram.columns.diagonal()[self.places(item)].any())
 
     @functools.cached_property
@@ -207,24 +207,24 @@ class Problem:
 
     @functools.cached_property
     def worked_out(self) -> dict[Hashable, Any]:
-        """What hypotheses worked out once for all that share it."""
+        """Cache of results that several hypotheses share."""
         return {}
 
     def of(self, kept: BoolArray) -> Problem:
-        """Return the problem of some equations alone, by a mask (m,)."""
+        """Return the problem of some equations only, by a mask (m,)."""
         workmanship = [replace(b, columns=b.columns[kept]) for b in self.workmanship]
         found = [replace(e, columns=e.columns[kept]) for e in self.explanations]
         return Problem.build(self.residual[kept], self.nuisance.axes[kept], workmanship, found)
 
     def over(self, times: FloatArray) -> Problem:
-        """Return the problem where the noise of each equation is so many times as large, (m,)."""
+        """Return the problem with the noise of each equation multiplied by its own factor, (m,)."""
         workmanship = [replace(b, columns=_Over(b.columns, times)) for b in self.workmanship]
         found = [replace(e, columns=_Over(e.columns, times)) for e in self.explanations]
         problem = Problem.build(self.residual / times, self.nuisance.axes / times[:, None], workmanship, found)
-        return replace(problem, given_squared=self.given_squared)  # at most
+        return replace(problem, given_squared=self.given_squared)  # an upper bound
 
     def under(self, factor: float) -> Problem:
-        """Return the problem where all noise is so many times as large: its gram and residual, not its columns."""
+        """Return the problem with all noise multiplied by a factor: changes its gram and residual, not its columns."""
         problem = replace(self, residual=self.residual / factor, given_squared=self.given_squared / factor**2)
         vars(problem)["gram"] = self.gram.under(factor)
         return problem

@@ -1,4 +1,4 @@
-"""Which explanations the data ask for: forward steps, forms and effects reconsidered, backward steps."""
+"""Which explanations the data require: forward steps, exchange of forms and effects, backward steps."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 _BRANCHES = 3
-"""How many effects are tried in full at every step."""
+"""Number of effects that are tried in full at every step."""
 _BRANCH_BEHIND = 30.0
-"""How far behind, in nats, what is tried may be at first sight: what is further does not catch up when it settles."""
+"""How far behind, in nats, a candidate may be before it is settled: further behind, it does not catch up."""
 _WORTH_TRYING = 0.6
-"""Share of the best first sight that another branch must promise."""
+"""Least log evidence of another branch before it is settled, as a share of the best one's."""
 _MOST_REFUSED = 8
 _BEYOND_DOUBT = 200.0
-"""Log evidence beyond which no workmanship takes the place of an item, in nats."""
+"""Log evidence beyond which workmanship never replaces an item, in nats."""
 
 
 def search(
@@ -26,19 +26,19 @@ def search(
 ) -> Hypothesis:
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
-    On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
-    (see :func:`credible`), the search goes on without it. It begins with nothing, unless told where to start.
+    On the way an effect may take the shape of something not found yet. If at the end it is still mostly its shaping
+    parameters (see :func:`credible`), the search continues without it. It begins at ``start``, by default with nothing.
     """
     current = _found(start.settled() if start else Hypothesis.nothing(problem), thresholds)
     for _ in range(_MOST_REFUSED):
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, thresholds)]
-        # Put into the robot, causes that undo each other may grow beyond all measure.
+        # Put into the robot, causes that cancel each other may grow without limit.
         wrong = wrong or cancelled(current, problem.given_squared, thresholds)
         if not wrong:
             break
         worst = min(wrong, key=current.main_share)
         refused, rest = {current.items[worst].key}, current.without_items(wrong)
-        if impossible(current, worst, thresholds):  # in whatever form is no more credible in its place
+        if impossible(current, worst, thresholds):  # bar all its forms that are no more credible in its place
             forms = (item for item in problem.explanations if item.effect == current.items[worst].effect)
             refused |= {item.key for item in forms if not credible(rest.with_item(item), len(rest.items), thresholds)}
         current = _found(replace(rest, barred=rest.barred | refused), thresholds)
@@ -50,10 +50,10 @@ def _found(start: Hypothesis, thresholds: Thresholds) -> Hypothesis:
 
 
 def _ascended(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
-    """Add explanations as long as each is worth its place."""
+    """Add explanations as long as each has enough evidence."""
     while len(current.items) < thresholds.most_effects:
         tried = sorted(_forward(current, thresholds), key=lambda h: -h.log_evidence)[:_BRANCHES]
-        # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
+        # A branch that is this far behind at first does not catch up when its items are reconsidered.
         close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
         close = [backward(reconsidered(h), thresholds) for h in close]
         close = [h for h in close if not cancelled(h, h.problem.gram.squared, thresholds)]
@@ -65,10 +65,9 @@ def _ascended(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
 
 
 def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
-    """Return the hypothesis with single parameters of an effect in the place of many, where that is better.
+    """Return the hypothesis with single parameters of an effect in place of many, where that is better.
 
-    Steps of one explanation do not come from all lengths of an arm, beside a scale of everything, to the two that are
-    wrong.
+    Steps of one explanation do not lead from all lengths of an arm, with an overall scale, to the two that are wrong.
     """
     for effect in current.effects:
         rest = current.without_items(current.of_effect(effect))
@@ -78,7 +77,7 @@ def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
             if worth is None or item is None or worth.evidence < thresholds.least_evidence:
                 break
             rest = rest.with_item(item, worth.scale)
-        # As far behind it does not catch up when its neighbours are reconsidered.
+        # Further behind, it does not catch up when its items are reconsidered.
         if rest.log_evidence > current.log_evidence - _BRANCH_BEHIND and rest.of_effect(effect):
             rest = backward(reconsidered(rest), thresholds)
             better = rest.log_evidence > current.log_evidence + 1e-6
@@ -88,24 +87,24 @@ def _divided(current: Hypothesis, thresholds: Thresholds) -> Hypothesis:
 
 
 def cancelled(hypothesis: Hypothesis, gap_squared: float, thresholds: Thresholds) -> list[int]:
-    """Return the causes, by index, whose parts are so much larger than a gap that others undo them."""
+    """Return the indices of causes whose parts are so much larger than a gap that others cancel them."""
     most = thresholds.most_cancelled**2 * gap_squared
     return [k for k, item in enumerate(hypothesis.items) if item.cause and hypothesis.squared_size(k) > most]
 
 
 def credible(hypothesis: Hypothesis, index: int, thresholds: Thresholds) -> bool:
-    """Return whether an item is the effect it is called, and not mostly what may shape it."""
+    """Return whether an item is the effect it is named after, and not mostly its shaping parameters."""
     return hypothesis.main_share(index) >= thresholds.least_main_share
 
 
 def impossible(hypothesis: Hypothesis, index: int, thresholds: Thresholds) -> bool:
-    """Return whether only what nature allows keeps an item from being the effect it is called."""
+    """Return whether an item would be credible but for the physical limits of its parameters."""
     share = hypothesis.main_share(index, bounded=False)
     return share >= thresholds.least_main_share and not credible(hypothesis, index, thresholds)
 
 
 def impossible_effects(hypothesis: Hypothesis, thresholds: Thresholds) -> tuple[str, ...]:
-    """Return the effects that are refused because they would have to be where nature does not allow them."""
+    """Return the effects that are refused because their parameters would have to exceed physical limits."""
     found = [
         item.effect
         for item in hypothesis.problem.explanations
@@ -116,9 +115,9 @@ def impossible_effects(hypothesis: Hypothesis, thresholds: Thresholds) -> tuple[
 
 
 def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of one more effect that look best at first sight.
+    """Yield the hypotheses with one more effect that look best before they are settled.
 
-    What workmanship took up may be an effect's: it is looked at beside it, and with none of it.
+    Workmanship may have absorbed what an effect does, so effects are tried both with it and without any.
     """
     bases = [current, *([current.with_levels_of(())] if any(current.levels) else [])]
     for base in bases:
@@ -134,7 +133,7 @@ def _forward(current: Hypothesis, thresholds: Thresholds) -> Iterator[Hypothesis
 
 
 def best_forms(problem: Problem, most: int) -> list[tuple[str, str]]:
-    """Return the keys of the effects that look best alone at first sight, each in its best form, best first."""
+    """Return the keys of the effects with the largest Bayes factors alone, each in its best form, best first."""
     nothing, found = Hypothesis.nothing(problem), dict[str, tuple[str, str]]()
     for _, item in nothing.ranked(nothing.choices):
         if item.cause:
@@ -145,7 +144,7 @@ def best_forms(problem: Problem, most: int) -> list[tuple[str, str]]:
 
 
 def reconsidered(hypothesis: Hypothesis) -> Hypothesis:
-    """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
+    """Return the hypothesis with items exchanged for better ones, as long as that raises the evidence."""
     for _ in range(3):
         before = hypothesis
         for item in hypothesis.items:
@@ -156,10 +155,10 @@ def reconsidered(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _exchanged(hypothesis: Hypothesis, key: tuple[str, str]) -> Hypothesis:
-    """Return the hypothesis with another explanation in the place of one, if there is a better one; else itself.
+    """Return the hypothesis with one explanation replaced by a better one, if there is any; else itself.
 
-    Branches of the search meet again and again, so each exchange is looked for once. What is remembered is no
-    hypothesis: that holds its problem, which would hold itself, and its columns, for long.
+    Branches of the search often reach the same hypothesis, so each exchange is searched for once. Only the changes are
+    remembered: a hypothesis refers to its problem, so that the cache would keep both and their columns alive.
     """
     asked = "exchanged", key, hypothesis.barred
     found = hypothesis.once(asked, lambda: _better(hypothesis, key))
@@ -167,18 +166,18 @@ def _exchanged(hypothesis: Hypothesis, key: tuple[str, str]) -> Hypothesis:
 
 
 def _better(hypothesis: Hypothesis, key: tuple[str, str]) -> dict[str, Any]:
-    """Return what changes where a better explanation stands in the place of one; nothing where none is better.
+    """Return the fields that change where a better explanation replaces one; none where none is better.
 
-    Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
+    Scales and workmanship are settled again: what looks worse at first may then be better, so the best few are tried.
     """
     index = [item.key for item in hypothesis.items].index(key)
     rest = hypothesis.without((index,))
-    own = rest.candidate_bayes_factor(hypothesis.items[index])
+    current = rest.candidate_bayes_factor(hypothesis.items[index])
     tried: set[str] = set()
     for found, item in rest.ranked(choice for choice in rest.choices if choice.key != key):
-        if found.evidence < own.evidence - _BRANCH_BEHIND:
+        if found.evidence < current.evidence - _BRANCH_BEHIND:
             break
-        if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
+        if item.effect in tried or (item.effect == key[0] and found.evidence < current.evidence):
             continue
         other = hypothesis.with_replaced(index, item, found.scale)
         if other.log_evidence > hypothesis.log_evidence - _BRANCH_BEHIND:
@@ -192,7 +191,7 @@ def _better(hypothesis: Hypothesis, key: tuple[str, str]) -> dict[str, Any]:
 
 
 def backward(hypothesis: Hypothesis, thresholds: Thresholds) -> Hypothesis:
-    """Return the hypothesis without the items that are not worth their place."""
+    """Return the hypothesis without the items that have too little evidence."""
     while hypothesis.items:
         doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_bayes_factor(k).evidence < _BEYOND_DOUBT]
         shorter = [hypothesis.without_items((k,)) for k in doubtful]

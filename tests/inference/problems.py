@@ -43,7 +43,7 @@ def log_density(residual, *groups):
 
 
 def beside(groups, columns, residual):
-    """Return what is to be seen of columns (m, a) and residual beside groups of unit coefficients, with its places."""
+    """Return inner products conditional on groups with unit coefficients, and the indices in them of columns (m, a)."""
     stacked = np.hstack([*groups, columns])
     count = stacked.shape[1] - columns.shape[1]
     seen = ConditionalGram(Gram.of([stacked], residual), np.arange(count), np.ones(count))

@@ -1,7 +1,7 @@
-"""What a diagnosis names: each rule from both sides, on problems whose answer is in closed form or obvious.
+"""What a diagnosis names: each rule from both sides, on problems whose answer has a closed form or is obvious.
 
-Most problems are on orthogonal axes: an effect that moves one row alone changes a standard normal variable there into a
-normal one of variance 1 + s², whatever happens in the other rows.
+In most problems the effects are orthogonal: an effect that moves one row alone changes a standard normal variable there
+into a normal one of variance 1 + s², whatever happens in the other rows.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Courses: columns whose outer product is the kernel that defines them."""
+"""Kernels: columns whose outer product is the kernel that defines them."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,7 @@
-"""Kernels of Gaussian processes as columns over rows, the likely ones large: how what is unknown goes with a condition.
+"""Kernels of Gaussian processes as columns over rows: how something unknown may depend on a condition.
 
-Independent standard coefficients on the columns make a random function with the kernel named; its expected square,
-averaged over the rows, is 1. Which are used of which condition, and their length scales:
+Independent standard normal coefficients of the columns make a random function with the kernel named; its expected
+square, averaged over the rows, is 1. Which kernels and length scales are used for which condition:
 ``diagnosis/discrepancy_processes.py``.
 """
 
@@ -20,7 +20,7 @@ from pouring_robot.mechanism.arrays import FloatArray, evenly_spaced
 _NEGLIGIBLE = 1e-3
 _MOST_CYCLES, _BETWEEN_CYCLES = 50.0, 0.5
 _LANDMARKS = 400
-"""Of more rows, at most so many stand for all in a kernel (Nyström's method): its cost is linear in the rows."""
+"""Most rows that represent all rows in a kernel (Nyström's method), so that its cost is linear in the rows."""
 
 
 def standardised(values: FloatArray) -> FloatArray:
@@ -32,7 +32,7 @@ def standardised(values: FloatArray) -> FloatArray:
 def _principal(
     points: FloatArray, kernel: Callable[[FloatArray, FloatArray], FloatArray], most: int, *, centred: bool = False
 ) -> FloatArray:
-    """Return the likely columns of a random function of points (n, d) by its kernel.
+    """Return the principal columns of a random function of points (n, d) with a kernel.
 
     Williams & Seeger, Using the Nyström method to speed up kernel machines, NIPS 13, 2001.
     """
@@ -52,7 +52,7 @@ def _principal(
 
 
 def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:
-    """Return columns of a smooth function of ``values`` (n,) or (n, k), squared-exponential kernel of a length (k,)."""
+    """Return columns of a squared-exponential kernel of ``values`` (n,) or (n, k), with length scales (k,)."""
     scaled = values.reshape(len(values), -1) / np.asarray(length)
 
     def kernel(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -64,18 +64,18 @@ def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:
 
 
 def wandering(values: FloatArray, most: int = 25) -> FloatArray:
-    """Return columns of a random walk along ``values`` (n,), zero on average: what drifts and what steps."""
+    """Return columns of a random walk along ``values`` (n,), zero on average: for drifts and steps."""
     spread = float(np.ptp(values))
     place = (values - values.min()) / spread if spread > 0.0 else np.zeros(len(values))
     return _principal(place[:, None], lambda one, other: np.minimum(one, other.T), most, centred=True)
 
 
 def cycling(values: FloatArray) -> dict[tuple[float, float], FloatArray]:
-    """Return columns of a wave along ``values`` (n,) whose size and phase drift, by the periods that it stands for.
+    """Return columns of waves along ``values`` (n,) whose amplitude and phase drift, by the range of periods of each.
 
-    It comes again twice or more often, has four rows or more on average, and is seen to turn once: by rows that are no
-    further apart than half of it. Otherwise what differs from day to day would be a wave, too.
-    What drifts makes up for the periods between two that are tried: of one halfway it leaves a hundredth of its square.
+    A wave has at least two cycles, four rows a cycle on average, and at least one cycle resolved by rows that are no
+    further apart than half a period. Otherwise a difference from day to day would be a wave, too. The drift makes up
+    for the periods between those tried: of one halfway it leaves a hundredth of its square.
     """
     different = np.unique(values)
     apart, spread, most = np.diff(different), float(np.ptp(values)), min(len(different) / 4.0, _MOST_CYCLES)
@@ -93,13 +93,13 @@ def cycling(values: FloatArray) -> dict[tuple[float, float], FloatArray]:
 
 
 def separate(labels: NDArray[np.int64]) -> FloatArray:
-    """Return a column for each different label; labels (n,) or (n, k), rows alike have the same label."""
+    """Return a column for each different label; labels (n,) or (n, k), equal rows are the same label."""
     _, place = np.unique(labels, axis=0, return_inverse=True)
     return np.asarray(np.eye(int(place.max()) + 1)[place.reshape(-1)])
 
 
 def row_by_row(count: int, most: int) -> scipy.sparse.csc_array:
-    """Return a column for each of so many rows, at most some, evenly spread: of too many rows some show it, too."""
+    """Return a column for each of ``count`` rows, at most ``most`` of them, evenly spread: of many, some suffice."""
     chosen = evenly_spaced(count, most)
     shape = (count, len(chosen))
     return scipy.sparse.csc_array((np.ones(len(chosen)), (chosen, np.arange(len(chosen)))), shape=shape)

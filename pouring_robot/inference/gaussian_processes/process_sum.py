@@ -27,7 +27,7 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 
 _AT_HAND = 2**26
-"""Room for channels that were held against everything, in bytes: processes that share them are next to each other."""
+"""Memory for inner products of channels, in bytes: processes that share a channel are next to each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ class ConditionedProcess:
 
     base: ProjectedProcess  # before conditioning
     coordinates: FloatArray  # the part of its columns that the hypothesis explains, in coordinates of that, (q, k)
-    inner: FloatArray  # inner products of what is left of its columns, (k, k)
-    projected: FloatArray  # of the same with the residual, (k,)
+    inner: FloatArray  # inner products of its columns, conditional on the hypothesis, (k, k)
+    projected: FloatArray  # of these with the residual, (k,)
 
     @classmethod
     def of(cls, base: ProjectedProcess, everything: ConditionalGram) -> ConditionedProcess:

@@ -1,8 +1,8 @@
-"""Random functions of conditions: what moves, along which course, inner products that hardly ever write columns out.
+"""Random functions of conditions: what moves, as which function, and inner products that rarely form columns.
 
-A column of a process is a channel of each equation times a course of each row. All inner products are sums over rows,
-so that their cost is linear in the rows; only where an equation is of several rows, as a distance between two, columns
-are written out. Nothing here knows the robot.
+A column of a process is a channel of each equation times a function ("course") of each row. All inner products are sums
+over rows, so that their cost is linear in the rows. Columns are formed only where an equation has several rows, such as
+a distance between two. Nothing here knows the robot.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from numpy.typing import NDArray
 from pouring_robot.mechanism.arrays import FloatArray
 
 CHANCE = "row, by chance"
-"""What a process goes by that differs from row to row."""
+"""The condition of a process that differs independently from row to row."""
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """What one m or rad in every row adds to the whitened prediction."""
+    """Change of the whitened prediction by one m or rad in every row."""
 
     name: str  # of what moves, in words
     column: FloatArray  # shape (m,)
-    # which row each equation is of, or the share of each that it is of, as a matrix (n, m) that sums them
+    # row of each equation, or the share of each row in it, as a matrix (n, m) that sums equations by row
     rows: scipy.sparse.csr_array
-    turning: bool = False  # whether it counts in rad
+    turning: bool = False  # whether its unit is rad
 
     @functools.cached_property
     def shared(self) -> bool:
-        """Whether there are equations of several rows."""
+        """Whether some equations have several rows."""
         return bool(self.rows.nnz > len(self.column))
 
     @functools.cached_property
@@ -43,16 +43,16 @@ class Channel:
         return scipy.sparse.csr_array((sums.data * self.column[sums.indices], sums.indices, sums.indptr), sums.shape)
 
     def over(self, times: FloatArray) -> Channel:
-        """Return the same where the noise of each equation is so many times as large, (m,)."""
+        """Return the same with the noise of each equation multiplied by its own factor, (m,)."""
         return replace(self, column=self.column / times)
 
     def against(self, values: FloatArray) -> FloatArray:
-        """Return the inner products, row by row, with values (m, q): shape (n, q)."""
+        """Return the inner products with values (m, q), row by row: shape (n, q)."""
         return np.asarray(self._weighted @ values)
 
 
 def sums_of(row: NDArray[np.intp], count: int) -> scipy.sparse.csr_array:
-    """Return the matrix that sums equations (m,) of so many rows."""
+    """Return the matrix that sums equations (m,) by row, for ``count`` rows."""
     places = (row, np.arange(len(row)))
     return scipy.sparse.csr_array((np.ones(len(row)), places), shape=(count, len(row)))
 
@@ -62,18 +62,18 @@ class Part:
     """One channel that follows one course."""
 
     channel: Channel  # what moves
-    # (n, k), dense or sparse: independent coefficients of standard deviation 1 usually make the movement in m or rad
+    # (n, k), dense or sparse: with independent coefficients of standard deviation 1, the usual movement in m or rad
     course: Any
 
     @property
     def rms(self) -> float:
-        """How large the movement usually is, root mean square over the rows, in m or rad."""
+        """Usual size of the movement, root mean square over the rows, in m or rad."""
         return float(np.sqrt((self.course**2).sum() / self.course.shape[0]))
 
     def variances(self, covariance: FloatArray) -> FloatArray:
-        """Return those of its movement in each row, (n,), for a covariance (k, k) of the coefficients."""
+        """Return the variances of its movement in each row, (n,), for a covariance (k, k) of the coefficients."""
         if scipy.sparse.issparse(self.course):
-            return np.asarray(self.course**2 @ np.diag(covariance))  # by chance: each column is one row's own
+            return np.asarray(self.course**2 @ np.diag(covariance))  # each column is one row's own error
         spread = np.einsum("nk,kl,nl->n", self.course, covariance, self.course, optimize=True)
         return np.asarray(np.maximum(spread, 0.0))
 
@@ -85,7 +85,7 @@ class Process:
     where: str  # what is moved, in words: ``readings``, ``drives`` …
     by: str  # what it depends on, in words
     lengths: dict[str, tuple[Part, ...]]  # its parts for each length scale, by the scale in words
-    # effects that are as general as it is and say the same: it is no other explanation in their place
+    # effects that are as general and describe the same: it is no alternative to them
     same_as: frozenset[str] = frozenset()
 
     @classmethod
@@ -96,7 +96,7 @@ class Process:
         return cls(where, by, {"": (Part(every, columns),)})
 
     def with_channels(self, channel: Callable[[Channel], Channel]) -> Process:
-        """Return the same with another channel in the place of each."""
+        """Return the same with each channel replaced."""
         lengths = {
             words: tuple(replace(part, channel=channel(part.channel)) for part in parts)
             for words, parts in self.lengths.items()
@@ -105,12 +105,12 @@ class Process:
 
     @property
     def name(self) -> str:
-        """What it is known by."""
+        """Its name: what moves, and by which condition."""
         return f"{self.where} by {self.by}"
 
     @property
     def words(self) -> str:
-        """What moves, and what with."""
+        """What moves and by which condition, as in reports."""
         return f"{self.where}, different in every row" if self.by == CHANCE else self.name
 
     @property
@@ -120,7 +120,7 @@ class Process:
 
 
 def columns_of(parts: Sequence[Part]) -> FloatArray:
-    """Return the columns of parts, whitened, shape (m, k)."""
+    """Return the whitened columns of parts, shape (m, k)."""
     found = [part.channel.column[:, None] * (part.channel.rows.T @ _dense(part.course)) for part in parts]
     return np.hstack(found)
 
@@ -138,6 +138,6 @@ def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
 
 
 def _blocks(first: Part, other: Sequence[Part], weights: FloatArray) -> FloatArray:
-    """Return the inner products of a part's columns with other ones'; weights (n, parts) are those of the channels."""
+    """Return the inner products of a part's columns with those of others; weights (n, parts) are their channels'."""
     pairs = zip(other, weights.T[:, :, None], strict=True)
     return np.hstack([_dense(first.course.T @ (second.course * weight)) for second, weight in pairs])
