@@ -1,1 +1,1 @@
-"""What to measure next, so that the explanations a diagnosis leaves can be told apart."""
+"""What to measure next, to distinguish the explanations that a diagnosis leaves."""

@@ -1,8 +1,8 @@
-"""Possible next measurements: poses within reach, under plausible conditions, as rows beside those of a campaign.
+"""Possible next measurements: poses within reach, under plausible conditions, as rows added to those of a campaign.
 
-They are measured in three blocks after the campaign, hours apart: the machine cold, hot, and cold again. Within a block
-temperatures stand still; load, travels and sides of approach change from pose to pose. The measuring device
-may have been set up anew, so that the new rows have frames of their own.
+They are in three blocks after the campaign, hours apart: the machine cold, hot, and cold again. Within a block
+temperatures are constant; load, travels and sides of approach change from pose to pose. The measuring device may have
+been set up anew, so that the new rows have frames of their own.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -39,11 +39,11 @@ _HOUR_S = 3600.0
 _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))  # hours after the campaign, and whether the machine is hot
 _TRIES = 4
 _ROUND_OFF = 1e-8
-_FRAME = 0.02  # how far the frames of the new rows may be off, in m and rad: further than anybody fails to see
+_FRAME = 0.02  # prior standard deviation of the new rows' frames, in m and rad: a larger error would be noticed
 
 
 def in_mm_deg(pose: pin.SE3) -> dict[str, float]:
-    """Return a pose's place in mm and turn in degrees by name: the tilt where it is about y alone, or a vector."""
+    """Return a pose's position in mm and rotation in degrees by name: the tilt if it is about y alone, or a vector."""
     turn = np.degrees(pin.log3(pose.rotation)).tolist()
     turns = dict(zip(("rx_deg", "ry_deg", "rz_deg"), turn, strict=True))
     if tilts_alone(pose.rotation) is not None:
@@ -58,7 +58,7 @@ class Candidates:
     poses: tuple[pin.SE3, ...]  # n poses of the end body in the base
     drives: FloatArray  # (n, drives) in m and rad
     hours_later: FloatArray  # after the last row of the campaign, (n,)
-    # (n, drives) +1 or -1, NaN of drives of which the campaign does not say it; None where it says it of none
+    # (n, drives) +1 or -1, NaN for drives of which the campaign does not record it; None where it records none
     approach: FloatArray | None
     conditions: dict[str, FloatArray]  # (n,) each by quantity name; only those that the campaign has
 
@@ -71,7 +71,7 @@ Reach = tuple[tuple[pin.SE3, ...], FloatArray, float, dict[str, tuple[float, flo
 
 
 def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reach:
-    """Return what can be measured: of the pouring robot its workspace, of any other what the campaign went through."""
+    """Return what can be measured: the pouring robot's workspace, or the range of the campaign for any other robot."""
     robot = robot_of(model)
     if isinstance(robot, PouringRobot):
         plan = random_plan(robot, count, seed)
@@ -88,7 +88,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
 
 
 def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
-    """Return drives between those of two rows of the campaign each, drawn at random, and their closed poses."""
+    """Return drive values between those of two random rows of the campaign each, and their closed poses."""
     random = generator(seed, Stream.DRIVES)
     shares = random.uniform(0.0, 1.0, (_TRIES * count, 1))
     first, second = random.integers(0, len(campaign), (2, _TRIES * count))
@@ -101,7 +101,7 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
 
 
 def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
-    """Return so many measurements that could follow a campaign, drawn within what can be reached and recorded."""
+    """Return ``count`` random measurements that could follow a campaign, within reach and its recorded conditions."""
     poses, drives, payload_kg, travels = _reach(campaign, model, count, seed)
     random = generator(seed, Stream.CANDIDATES)
     block = np.sort(np.arange(count) % len(_BLOCKS))
@@ -117,7 +117,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     }
     made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in travels.items()}
     for kind in causes_of(campaign.robot).thermometers:
-        # What is not carried warms nothing; parts are still hot just after it was poured out.
+        # A load heats parts only while it is carried; they are still hot just after it was poured out.
         heated = hot & (made["payload"] > 0.0) if kind.hot_degC is not None else hot
         made |= {member: _warm(kind, campaign.quantity(member), cold, heated) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
@@ -127,7 +127,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
 
 
 def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: BoolArray) -> FloatArray:
-    """Return temperatures of a part, (n,): cold, or as hot as it was seen, at least by a plausible rise."""
+    """Return temperatures of a part, (n,): cold, or the highest measured, at least by a plausible rise."""
     if kind.hot_degC is not None:
         return np.where(hot, kind.hot_degC, cold)
     if not kind.hot_rise_k:
@@ -140,10 +140,10 @@ Item = TypeVar("Item", Explanation, Workmanship)
 
 
 class PredictedMeasurements:
-    """Explanations of a campaign, with what they would predict of possible measurements."""
+    """Explanations of a campaign, with their predictions of possible measurements."""
 
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
-        """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
+        """Linearise the rows of the campaign at the diagnosis's final state, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, old.noise)
         changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))
@@ -151,7 +151,7 @@ class PredictedMeasurements:
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
-        self.components = int(new.sum()) // len(possible)  # measured of a pose, 1 to 6
+        self.components = int(new.sum()) // len(possible)  # measured per pose, 1 to 6
         known = diagnosis.diagnoser.library
         tried = {effect for effect, _ in known.forms}
         chosen = {name: effect for name, effect in known.effects.items() if name in tried}
@@ -168,9 +168,9 @@ class PredictedMeasurements:
         self.frames = _FRAME * self._linear.frame_columns[self._new]
 
     def _with_new_rows(self, items: Iterable[Item], given: Problem, before: Sequence[Item]) -> Iterator[Item]:
-        """Yield the same with the columns of the campaign's rows; those of the new rows are kept.
+        """Yield the same with the columns of the campaign's rows; those of the new rows are stored.
 
-        Columns that are as they were before there were new rows are not held twice.
+        Columns that the new rows did not change are not stored twice.
         """
         held = {item.key: item.columns for item in before}
         for item in items:
@@ -183,7 +183,7 @@ class PredictedMeasurements:
     def explanations(self, wanted: Collection[tuple[str, str]]) -> dict[tuple[str, str], Explanation]:
         """Return processes at one length scale each, by both names, as explanations of the campaign's rows.
 
-        Those that there are: with the new rows a condition may be one that other rows do not tell.
+        Only those that exist: with the new rows a condition may no longer be known in all rows.
         """
         for process in processes_of(self._rows, self._linear, self._after.frames.T_tracker_base.rotation):
             of_it = {(process.name, length): parts for length, parts in process.lengths.items()}
@@ -201,16 +201,16 @@ class PredictedMeasurements:
 
 
 def _alike(one: FloatArray, other: FloatArray) -> bool:
-    """Return whether columns are the same but for round-off, which is all that the frames of new rows make of them."""
+    """Return whether columns are equal up to round-off, which is all that the frames of new rows change in them."""
     if one.shape != other.shape:
         return False
     return bool((np.abs(one - other).max(axis=0) <= _ROUND_OFF * np.abs(one).max(axis=0)).all())
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:
-    """Return a campaign with the possible measurements behind its rows, as the drawing predicts them.
+    """Return a campaign with the possible measurements appended, as the drawing predicts them.
 
-    Of these nobody measures what was measured in no row of the campaign: one coordinate, say, or all turns.
+    What was measured in no row of the campaign, such as one coordinate or all rotations, is not measured in these.
     """
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target

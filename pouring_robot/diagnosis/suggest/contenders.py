@@ -1,4 +1,4 @@
-"""Explanations that survive a diagnosis, and those nearest to it: what the next measurements should tell apart."""
+"""Explanations that survive a diagnosis, and the closest others: what the next measurements should distinguish."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ NOTHING = "nothing"
 class Contender:
     """An explanation of the campaign."""
 
-    name: str  # what explains: an effect's id, or a description in words
-    hypothesis: Hypothesis  # the whole of it
+    name: str  # of what explains: an effect's id, or a description in words
+    hypothesis: Hypothesis  # the whole hypothesis
     log_evidence: float  # its own, in nats, up to a constant of the campaign
 
     @classmethod
@@ -35,13 +35,13 @@ class Contender:
 
 
 Contest = tuple[list[Contender], list[tuple[int, int]]]
-"""Explanations to be told apart, the best first, and which to tell from which, by index."""
+"""Explanations to be distinguished, the best first, and the pairs to distinguish, by index."""
 
 
 def contest(diagnosis: Findings, prospect: PredictedMeasurements) -> Contest:
-    """Return what is to be told apart.
+    """Return the explanations to be distinguished.
 
-    Of a group its members, of a named effect the next best ones, of something unknown the best descriptions; where
+    The members of a group, a named effect and the next best ones, or the best descriptions of something unknown; where
     there is no gap, the effects that could best hide.
     """
     best = diagnosis.hypothesis.on(prospect.problem).settled()
@@ -49,7 +49,7 @@ def contest(diagnosis: Findings, prospect: PredictedMeasurements) -> Contest:
     if verdict == "unknown":
         return _against_first(_descriptions(diagnosis, prospect, best))
     effects, given = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
-    # What can never move this robot is told from nothing by no measurement.
+    # No measurement shows an effect that can never move this robot.
     idle = {name for name, effect in effects.items() if not effect.missing(given) and not effect.acts(given)}
     if not causes:
         return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect, idle)])
@@ -73,7 +73,7 @@ def _against_first(found: list[Contender]) -> Contest:
 
 
 def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
-    """Return the hypothesis without a cause, nothing else changed."""
+    """Return the hypothesis without a cause, with all else unchanged."""
     rest = hypothesis.without(hypothesis.of_effect(cause.effect))
     if cause.indices:
         return rest
@@ -82,7 +82,7 @@ def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
 
 
 def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle: Collection[str]) -> list[Contender]:
-    """Return other effects in the place of a cause, best first: the wanted ones or, by default, the next best."""
+    """Return other effects in place of a cause, best first: the wanted ones or, by default, the next best."""
     rest, effects = _less(best, cause), best.rivals - {cause.effect, *idle}
     forms = list(rest.best_forms(effects if wanted is None else effects & {*wanted}).values())[:MOST_RIVALS]
     found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in forms]
@@ -90,11 +90,11 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle
 
 
 def _descriptions(diagnosis: Findings, prospect: PredictedMeasurements, best: Hypothesis) -> list[Contender]:
-    """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
+    """Return the descriptions that best explain what no effect does; if there is only one, also the best hypothesis."""
     judgement = diagnosis.judgement
     named: list[tuple[Structure | Challenge, Hypothesis]] = [(found, best) for found in judgement.structures]
     named += [(better, _less(best, cause)) for cause, better in judgement.challenged if better.margin > 0.0]
-    # No pose tells chance, nor waves in time.
+    # No pose distinguishes independent errors in every row, or waves in time.
     named = [(one, rest) for one, rest in named[: 2 * MOST_RIVALS] if one.process.by not in (CHANCE, CYCLES)]
     items = prospect.explanations({(one.process.name, one.length) for one, _ in named})
     found: dict[str, Contender] = {}
@@ -109,7 +109,7 @@ def _descriptions(diagnosis: Findings, prospect: PredictedMeasurements, best: Hy
 
 
 def _hidden(best: Hypothesis, prospect: PredictedMeasurements, idle: Collection[str]) -> list[Contender]:
-    """Return the effects that would be seen least if they were as large as usual: those tested worst."""
+    """Return the effects that would show least if they had their usual size: those tested worst."""
     seen: dict[str, tuple[float, Explanation]] = {}
     for item in prospect.problem.explanations:
         if not item.cause or item.effect in seen or item.effect in idle:

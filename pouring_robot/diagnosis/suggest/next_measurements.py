@@ -1,4 +1,4 @@
-"""What to measure next: poses and conditions that best tell apart the explanations a diagnosis leaves."""
+"""What to measure next: poses and conditions that best distinguish the explanations that a diagnosis leaves."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,8 +29,8 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 USUAL_COUNT = 10
 RANDOM_SETS = 50
-_NO_NATS = 0.05  # what tells less tells nothing: it is said as 0.0
-MOST_COUNT = 75  # as many poses there are to choose from
+_NO_NATS = 0.05  # less counts as nothing: it would be shown as 0.0
+MOST_COUNT = 75  # number of candidate poses
 NO_POSE = "no pose tells them apart: of what is measured they do the same"
 _OPEN = "measure where the two predict most apart: the poses listed"
 
@@ -39,17 +39,17 @@ _OPEN = "measure where the two predict most apart: the poses listed"
 class SuggestedMeasurement:
     """One pose under some conditions."""
 
-    robot: RobotDefinition  # that is measured
+    robot: RobotDefinition  # the measured robot
     pose: pin.SE3  # of the end body in the base
     drives: FloatArray  # commanded, (drives,), in m and rad
     conditions: dict[str, float]  # by the column names of a campaign file, in the units they carry
     hours_later: float  # after the last row of the campaign
-    rank: int  # 1 for the measurement that tells most, and so on: who can make only some makes these
-    separates: tuple[str, str]  # the two explanations it tells apart best
-    nats: float  # by how much their log evidence difference is expected to grow, given the measurements of a lower rank
+    rank: int  # 1 for the most informative measurement, and so on: make the lowest ranks if only some can be made
+    separates: tuple[str, str]  # the two explanations it distinguishes best
+    nats: float  # expected growth of their log evidence difference, given the measurements of a lower rank
 
     def figures(self) -> dict[str, Any]:
-        """Return it in mm, degrees and the units of its names."""
+        """Return the measurement in mm, degrees and the units of its names."""
         place, drives = in_mm_deg(self.pose), self._commanded()
         return {
             "pose": {name: round(value, 3 if name.endswith("_mm") else 4) for name, value in place.items()},
@@ -68,7 +68,7 @@ class SuggestedMeasurement:
         return {column.name for column in self.robot.command_columns} == {drive.column for drive in self.robot.drives}
 
     def plan_row(self, number: int) -> dict[str, Any]:
-        """Return it as a row of a plan: what to command, and the conditions."""
+        """Return the measurement as a row of a plan: what to command, and the conditions."""
         pose = {name: float(f"{value:.6g}") for name, value in in_mm_deg(self.pose).items()}
         command = self._commanded() if self.in_drives else pose
         return {"sample": f"next_{number}", "session": SESSION, **command, **self.conditions}
@@ -82,7 +82,7 @@ class SuggestedMeasurement:
 
     @property
     def words(self) -> str:
-        """What to command, where that is, and the conditions."""
+        """What to command, the resulting pose, and the conditions."""
         given, robot = self.conditions, self.robot
         place = in_mm_deg(self.pose)
         x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
@@ -93,15 +93,15 @@ class SuggestedMeasurement:
         sides = {name: "+" if given[name] > 0 else "-" for name in names if name in given}
         if len(sides) == len(names):
             said.append(f"approached {''.join(sides.values())}")
-        elif sides:  # which drives they are of is not told by their order
+        elif sides:  # their order does not show of which drives they are
             each = (f"{name.removeprefix('approach_')} {side}" for name, side in sides.items())
             said.append(f"approached {', '.join(each)}")
-        told = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
+        shown = [(LOAD, "load", 0, "kg"), *((f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels)]
         for kind in causes_of(robot).thermometers:
             if kind.hot_rise_k:
                 name, word = next(iter(kind.members.items()))
-                told.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
-        said += [f"{words} {given[name]:z.{digits}f} {unit}" for name, words, digits, unit in told if name in given]
+                shown.append((f"{name}_degC", f"{word.removesuffix(' temperature')} at", 0, "°C"))
+        said += [f"{words} {given[name]:z.{digits}f} {unit}" for name, words, digits, unit in shown if name in given]
         return ", ".join(said)
 
     @property
@@ -117,38 +117,38 @@ class SuggestedMeasurement:
 
 @dataclass(frozen=True)
 class Separation:
-    """What the measurements do for one pair of explanations."""
+    """How well the measurements distinguish one pair of explanations."""
 
     first: str  # the better explanation so far
     second: str  # the other one
-    now_nats: float  # by how much the log evidence of the first is larger so far
-    expected_nats: float  # by how much the difference is expected to grow, for whichever of the two is right
+    now_nats: float  # log evidence difference between the first and the second so far
+    expected_nats: float  # its expected growth in favour of the right one, whichever that is
     random_median_nats: float  # the same for as many measurements chosen at random
-    how: str  # how to tell them apart
+    how: str  # how to distinguish them
 
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
     """What to measure next."""
 
-    # in the order in which to make them; none where nothing is to be told apart
+    # in the order in which to make them; none where there is nothing to distinguish
     measurements: tuple[SuggestedMeasurement, ...]
     separations: tuple[Separation, ...]  # pairs of explanations
-    expected_nats: float  # how far all pairs come apart together: a geometric mean
-    # the same of random choices among the same candidates, one a set, (sets,)
+    expected_nats: float  # how well all pairs are distinguished: a geometric mean
+    # the same for random choices among the same candidates, one for each set, (sets,)
     random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
     advice: tuple[str, ...] = ()  # what else would help, one line each
     seed: int = 0  # of the candidates and the random choices
-    failed: str = ""  # why there is nothing; "" where that is no failure
+    failed: str = ""  # why nothing could be suggested; "" where that is no failure
 
     @property
     def best_first(self) -> list[SuggestedMeasurement]:
-        """The measurements, that which adds most first."""
+        """The measurements, the one that adds most first."""
         return sorted(self.measurements, key=lambda m: (-m.nats, m.rank))
 
     @property
     def tells(self) -> bool:
-        """Whether the measurements tell anything at all of what is to be told apart."""
+        """Whether the measurements distinguish anything at all."""
         return self.expected_nats >= _NO_NATS
 
     def plan_text(self) -> str:
@@ -156,7 +156,7 @@ class Suggestion:
         return rows_csv([m.plan_row(k + 1) for k, m in enumerate(self.measurements)])
 
     def figures(self) -> dict[str, Any]:
-        """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""
+        """Return ``suggestion`` of ``diagnosis.json``; the measurements have a key of their own."""
         return {
             "separations": [asdict(pair) for pair in self.separations],
             "expected_nats": self.expected_nats,
@@ -171,18 +171,18 @@ class Suggestion:
 def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: int = 0) -> Suggestion:
     """Return up to ``count`` measurements that best separate the surviving explanations of a campaign.
 
-    They are chosen among poses within reach and conditions that the campaign records, after what the frames of a newly
-    set up device absorb. A device left standing tells no less.
+    They are chosen among poses within reach and conditions that the campaign records, allowing for what the frames of a
+    newly set up device absorb. A device that is not moved gives no less information.
 
     Args:
         diagnosis: of the campaign.
-        count: how many; 0: none, and of no pair is it said what tells it.
+        count: how many; 0: none, and no pairs are compared.
         seed: of the candidates, and of the random choices they are compared with.
 
     Raises:
         DiagnosisError: the drawing does not close at a candidate.
-        BadInputError: hardly any pose of the workspace is within reach, or something else than poses was measured; the
-            count is none.
+        BadInputError: hardly any pose of the workspace is within reach, distances or closures were measured, or the
+            count is not a whole number from 0.
     """
     count = whole(count, 0, "how many measurements to suggest is a whole number from 0 on")
     advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
@@ -216,7 +216,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
         )
         for k, (a, b) in enumerate(pairs)
     )
-    order = np.argsort(choice.chosen, kind="stable")  # candidates stand in the order of their time
+    order = np.argsort(choice.chosen, kind="stable")  # candidates are in order of time
     robot = diagnosis.rows.campaign.robot
     measurements = [
         _measurement(robot, possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order
@@ -231,7 +231,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
 
 
 def _prediction(contender: Contender, prospect: PredictedMeasurements) -> Prediction:
-    """Return what a contender, fitted to the campaign, predicts of the candidates."""
+    """Return the prediction of the candidates by a contender that is fitted to the campaign."""
     hypothesis = contender.hypothesis
     mean, covariance = hypothesis.coefficients()
     groups = zip(hypothesis.fitted, hypothesis.weights(), strict=True)
@@ -271,9 +271,9 @@ def _measurement(
 def separating_words(
     first: str, second: str, effects: Mapping[str, Effect], conditions: Conditions, *, tells: bool = True
 ) -> str:
-    """Return how to tell two explanations, effects or not, apart: by what was held still, else by what differs.
+    """Return how to distinguish two explanations, effects or not: by what was held constant, else by what differs.
 
-    ``tells`` says whether poses tell them apart at all: a zero and a joint that is turned about its axis are the same.
+    ``tells`` says whether poses distinguish them at all: a zero and a joint that is turned about its axis are the same.
     """
     both = [effects[name] for name in (first, second) if name in effects]
     ways = [(effect.driver, effect.separation(conditions)) for effect in both]

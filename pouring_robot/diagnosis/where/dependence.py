@@ -1,4 +1,4 @@
-"""What the disagreement depends on: the processes whose sum explains it, each in a sentence with its 95 % interval."""
+"""What the disagreement depends on: processes whose sum explains it, each in a sentence with its 95 % interval."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -22,33 +22,33 @@ from pouring_robot.mechanism.arrays import rms
 
 _MOST = 12  # processes at work together
 _NOISE_ROUNDS, _NOISE_SETTLED = 3, 0.1
-"""By which share a noise may differ from what the processes leave: what is said of sizes has two figures. More rounds
-settle few others: where a process does as well as row-by-row chance, the two take turns."""
+"""Largest relative difference between a noise and the residual of the processes: sizes are stated to two figures. More
+rounds hardly help: where a process explains as well as independent errors in every row, the two alternate."""
 _MONOTONE = 0.8  # rank correlation from which on something grows with a condition
-_MINOR = 0.25  # of the largest place's size: less by the same condition is not told
+_MINOR = 0.25  # of the largest place's size: less by the same condition is not reported
 
 
 def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[list[Finding], bool]:
     """Return what the residuals depend on, largest part first; ``alpha`` is the probability of any by noise alone.
 
-    Beside it stands whether the noise settled, see below.
+    Also returned is whether the noise converged, see below.
 
-    A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
-    1963), so that the number of processes tried over B is a p-value. A noise that is not known is given as all
-    that the frames leave; then it is what the processes leave, with what differs from row to row by chance: by a
-    smaller one everything would, and nothing else be seen for it.
+    Noise alone reaches a Bayes factor of B with a probability of at most 1/B (Markov's inequality; Kerridge, 1963), so
+    that the number of processes tried over B is a p-value. An unknown noise is first all that the frames leave, then
+    what the processes leave. Independent errors in every row count as noise: under a smaller noise they would explain
+    everything and hide all else.
     """
     for turn in itertools.count(1):
         places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
-        # Time says more than the order of the rows, and the same.
+        # Where there is time, the order of the rows adds nothing.
         processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
         problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy.of(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(Thresholds(alpha).evidence_of_one_in(len(processes)), _MOST)
         if settled := data.noise_known:
             break
-        followed = (item.part for item in found if item.process.by != CHANCE)
-        left = data.scaled(data.cleared - sum(followed, np.zeros(len(data.cleared))))
+        explained = (item.part for item in found if item.process.by != CHANCE)
+        left = data.scaled(data.cleared - sum(explained, np.zeros(len(data.cleared))))
         if (settled := np.allclose(left.sigma, data.sigma, rtol=_NOISE_SETTLED)) or turn == _NOISE_ROUNDS:
             break
         data = left
@@ -72,7 +72,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> tuple[li
 def _finding(
     together: list[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], dof: float
 ) -> Finding:
-    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
+    """Return what a condition does, in words, and which conditions do less (by their bounds)."""
     main = together[0]
     texts, first = [], _size(main)
     for item in together:
@@ -91,7 +91,7 @@ def _finding(
 
 
 def _size(item: Summand) -> tuple[float, bool]:
-    """Return the root mean square of its movement, in m or rad, and whether it turns."""
+    """Return the root mean square of its movement, in m or rad, and whether its unit is rad."""
     turning = item.process.lengths[item.length][0].channel.turning
     return rms(item.movement), turning
 
@@ -125,7 +125,7 @@ _OPENINGS = {
 
 
 def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: float, turning: bool) -> str:
-    """Return in words what single conditions do at most that were found to do less than the main one."""
+    """Return in words the upper bound of conditions that do less than the main one."""
     left_out = {"", SIDE, *untested(given)}
     words = [fact.word for fact in known_facts(given.robot).values() if fact.word not in left_out]
     less = sorted((bounds[f"{where} by {w}"], w) for w in words if bounds.get(f"{where} by {w}", np.inf) < size)
@@ -135,7 +135,7 @@ def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: flo
 
 
 def untested(given: Conditions) -> tuple[str, ...]:
-    """Return the conditions that the campaign does not have or did not vary."""
+    """Return the conditions that the campaign did not record or did not vary."""
     facts = known_facts(given.robot)
     wanted = [name for name, fact in facts.items() if fact.word]
     varied = {

@@ -1,4 +1,4 @@
-"""Residuals that "where do they disagree" is asked of, and what is said of them: a record, a sentence, an entry."""
+"""Residuals in which to find where model and data disagree, and single findings: a record, a sentence, an entry."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 @dataclass(frozen=True, eq=False)
 class FreeResiduals:
-    """Residuals of a model of which only two frames were fitted.
+    """Residuals of a model with only its two frames fitted.
 
     Raises:
         BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
     """
 
-    residual: FloatArray  # measured minus predicted over the noise, shape (m,)
+    residual: FloatArray  # measured minus predicted, divided by the noise, shape (m,)
     row: Indices  # row of each equation, (m,)
     component: Indices  # component of each equation in the tracker's axes, (m,)
     sigma: FloatArray  # noise of each equation, (m,), in m or rad
     nuisance: Nuisance  # what the frames can explain
     axes: FloatArray  # axes of the base in the tracker's frame, (3, 3)
-    drives: tuple[Channel, ...]  # what a m or rad of each drive does
-    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # what tells ``sigma``; nothing: it is stated
+    drives: tuple[Channel, ...]  # of a m or rad of each drive
+    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # source of ``sigma``; empty: it is stated
 
     def __post_init__(self) -> None:
         m = self.residual.size
@@ -45,16 +45,16 @@ class FreeResiduals:
 
     @property
     def noise_known(self) -> bool:
-        """Whether ``sigma`` was not guessed or taken from these very residuals."""
+        """Whether ``sigma`` was neither guessed nor estimated from these residuals."""
         return not self.noise.from_residuals
 
     @cached_property
     def cleared(self) -> FloatArray:
-        """The residual without what the frames explain, (m,)."""
+        """The residual with the frames projected out, (m,)."""
         return self.nuisance.cleared(self.residual)
 
     def p_value(self, squares: float, dof: float) -> float:
-        """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
+        """Return the probability that noise alone makes as large a sum of squares, with ``dof`` degrees of freedom."""
         return p_value(squares, dof, self.noise.dof)
 
     @cached_property
@@ -63,9 +63,9 @@ class FreeResiduals:
         return are("rotation", self.component)
 
     def scaled(self, left: FloatArray) -> FreeResiduals:
-        """Return the same with the scatter of what is left, (m,), of each kind of reading, for noise.
+        """Return the same with the scatter of residuals ``left``, (m,), of each kind of reading, as its noise.
 
-        At least :data:`LEAST_NOISE`: what the frames explain exactly, one rotation say, leaves rounding and no noise.
+        At least :data:`LEAST_NOISE`: what the frames explain exactly, such as a single rotation, leaves rounding only.
         """
         factor, freedom = LEAST_NOISE / self.sigma, 1.0 - np.square(self.nuisance.axes).sum(axis=1)
         for kind in kinds_of(self.component):
@@ -82,17 +82,17 @@ class FreeResiduals:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing said of the disagreement."""
+    """One finding about the disagreement."""
 
     what: Literal["lack of fit", "repeats", "component", "condition", "region"]
     sentence: str  # in words
     size: float  # root mean square, in m or rad
-    p_value: float | None  # probability that noise alone makes as much anywhere; None where that takes an unknown noise
-    component: str = ""  # in which component it is largest; "" for all together
-    turning: bool = False  # whether it counts in rad
+    p_value: float | None  # probability that noise alone makes as much anywhere; None where the noise is unknown
+    component: str = ""  # component in which it is largest; "" for all together
+    turning: bool = False  # whether its unit is rad
     condition: str = ""  # condition or region; "" for none
-    rivals: tuple[str, ...] = ()  # conditions that went along and would explain it as well
-    share: float = 1.0  # of the sum of squares, what this condition explains beside those before it
+    rivals: tuple[str, ...] = ()  # conditions that varied with it and would explain it as well
+    share: float = 1.0  # share of the sum of squares that this condition explains
 
     def figures(self) -> dict[str, object]:
         """Return it as ``diagnosis.json`` holds it."""

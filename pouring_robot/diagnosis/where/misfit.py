@@ -14,17 +14,17 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _FEWEST = 6
 _LARGER = 1.3
-_HARDLY = 0.02  # m of height, or rad of tilt, within which there are no thirds that differ
-_STANDS_M = 1e-6  # what stands still in x or y moves by less, by rounding
+_HARDLY = 0.02  # m of height, or rad of tilt, within which thirds do not differ
+_STANDS_M = 1e-6  # x or y is constant if it varies by less, by rounding
 _HEIGHTS = ("low", "at middle height", "high")
 _TILTS = ("tilted back", "half tilted", "tilted far forward")
 
 
 def overall(data: FreeResiduals, dof: int) -> Finding:
-    """Return the misfit of everything against the noise, of so many degrees of freedom."""
+    """Return the misfit of everything against the noise, with ``dof`` degrees of freedom."""
     total = float(data.cleared @ data.cleared)
     p_value = data.noise.lack_of_fit_p(total, dof) if data.noise_known else None
-    apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before turns
+    apart, kinds = data.cleared * data.sigma, np.unique(data.turning).tolist()  # lengths before rotations
     parts = [(rms(apart[data.turning == turning]), turning) for turning in kinds]
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
     times = f": {np.sqrt(total / dof):.1f} times the noise" if data.noise_known else ""
@@ -35,7 +35,8 @@ def overall(data: FreeResiduals, dof: int) -> Finding:
 def components(data: FreeResiduals) -> list[Finding]:
     """Return the misfit of each component in the base's axes.
 
-    Under noise its sum of squares is a weighted sum of chi-squares; Satterthwaite's has its mean and variance.
+    Under noise its sum of squares is a weighted sum of chi-squares; Satterthwaite's approximation has the same mean and
+    variance.
     """
     found = []
     for k in shown(data.component):
@@ -59,7 +60,7 @@ def components(data: FreeResiduals) -> list[Finding]:
 def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
     """Return residuals (n,) and the columns of the frames (n, f) along one axis of the base, and their noise.
 
-    Only of rows of which all three components were measured: others cannot be turned into these axes.
+    Only for rows with all three components measured: others cannot be rotated into these axes.
     """
     if k >= 6:
         own = np.flatnonzero(data.component == k)
@@ -75,9 +76,9 @@ def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
 
 
 def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
-    """Return how far repeats of one command lie apart against the noise; nothing with fewer than three differences.
+    """Return the scatter of repeats of one command against the noise; none with fewer than three degrees of freedom.
 
-    The frames absorb the same in all rows of a command, so that distances from its mean are free of the frames.
+    The frames absorb the same in all rows of a command, so that deviations from its mean do not depend on them.
     """
     _, command = np.unique(commands(conditions.drives), axis=0, return_inverse=True)
     group = command.reshape(-1)[data.row] * (int(data.component.max()) + 1) + data.component
@@ -102,8 +103,8 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
 def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
     """Return all regions with enough rows, the most significant first.
 
-    Each row counts with its sum of squares over what noise would make after the frames were fitted. The p-value is that
-    of a one-sided Mann-Whitney test of a region's rows against the others; 1 if it is not larger by 30 %, too.
+    Each row's score is its sum of squares over that expected of noise after the frames were fitted. The p-value is that
+    of a one-sided Mann-Whitney test of a region's rows against the others; 1 unless it is also larger by 30 %.
     """
     n = len(given)
     expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
@@ -140,7 +141,7 @@ def _parts(given: Conditions) -> Iterator[tuple[str, BoolArray]]:
 
 
 def _thirds(values: FloatArray, words: Sequence[str]) -> dict[str, BoolArray]:
-    """Return the thirds of the rows by a value, in its order, by their words; none where it hardly varies."""
+    """Return the thirds of the rows by a value, in its order, by name; none where it hardly varies."""
     if np.ptp(values) < _HARDLY:
         return {}
     third = np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values)

@@ -1,7 +1,7 @@
 """Where model and measurement disagree: by component, region and condition, in figures and in plain sentences.
 
-Everything that is called significant has passed Holm's correction over all tests made, or a Bayes factor that stands
-for as much, at the level given: with noise alone nothing is found with that probability. Sizes are in the base's axes.
+Everything significant has passed Holm's correction over all tests made, or an equivalent Bayes factor, at the given
+level: with noise alone, anything is found with no more than that probability. Sizes are in the base's axes.
 """
 
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ class Where:
     """Where model and measurement disagree."""
 
     findings: tuple[Finding, ...]  # what is significant, most important first
-    notes: tuple[str, ...]  # what could not be looked at, and why
-    base: str  # the body whose axes components are in
+    notes: tuple[str, ...]  # what could not be tested, and why
+    base: str  # the body in whose axes components are
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found in words, then notes; what makes less than a 14th of it (rms) is left out."""
+        """Findings in words, then notes; what makes less than a 14th of the disagreement (rms) is left out."""
         by_component = [item for item in self.findings if item.what == "component"]
         found: list[str] = []
         for item in self.findings:
@@ -49,8 +49,8 @@ class Where:
 def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> Where:
     """Return where model and measurement disagree.
 
-    Of the probability ``alpha`` of any finding by noise alone half goes to lack of fit, components, repeats and
-    regions, half to dependence on conditions.
+    ``alpha`` is the probability of any finding by noise alone: half of it is for lack of fit, components, repeats and
+    regions, half for dependence on conditions.
     """
     n, dof = len(conditions), data.residual.size - data.nuisance.dof
     noted: list[str] = []
@@ -69,7 +69,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
     else:
         noted.append(f"{n} rows are too few to say what the disagreement depends on; measure {_FEWEST_ROWS} or more.")
     general = _judged(general, 0.5 * alpha)
-    # How much first, then what it depends on, then where in the workspace.
+    # First how large, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != "region"),
         *depends,
@@ -80,14 +80,14 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
 
 
 def _judged(family: list[Finding], alpha: float) -> list[Finding]:
-    """Return what is significant of a family, with corrected p-values; all sizes where noise is unknown."""
+    """Return the significant findings of a family, with corrected p-values; all sizes where the noise is unknown."""
     corrected = iter(holm(np.array([f.p_value for f in family if f.p_value is not None])).tolist())
     kept = [f if f.p_value is None else replace(f, p_value=next(corrected)) for f in family]
     return [f for f in kept if f.p_value is None or f.p_value < alpha]
 
 
 def holm(p_values: FloatArray) -> FloatArray:
-    """Return p-values (k,) corrected by Holm's step-down rule, which no dependence between tests upsets."""
+    """Return p-values (k,) corrected by Holm's step-down rule, which holds whatever the dependence between tests."""
     order = np.argsort(p_values, kind="stable")
     stepped = np.maximum.accumulate(p_values[order] * np.arange(p_values.size, 0, -1))
     corrected = np.empty(p_values.size)
