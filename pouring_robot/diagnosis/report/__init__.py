@@ -1,1 +1,1 @@
-"""A diagnosis for people and programs: sentences, figures, page, scene, and the folder they are written to."""
+"""A diagnosis for people and programs: sentences, figures, page, scene, and the folder to which they are written."""

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves behind: metrics, amended model, report and ladles, all of them or none."""
+"""Output files of a diagnosis: metrics, amended model, report and ladles, all of them or none."""
 
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,9 @@ METRICS, MODEL, REPORT, LADLES, NEXT = _NAMES
 def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
-    ``ladles.html`` is left out where no row has a whole position, and of any robot without a ladle; ``next.csv`` where
-    nothing is to be measured next; that of an earlier diagnosis goes, if it was not what is diagnosed here.
-    The folder is made if it is not there.
+    ``ladles.html`` is left out where no row has a whole position, and for any robot without a ladle; ``next.csv`` where
+    nothing is to be measured next. Files of an earlier diagnosis are removed, except the campaign diagnosed here.
+    The folder is made if it does not exist.
 
     Raises:
         OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
@@ -45,7 +45,7 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
         if scene := ladle_scene(diagnosis):
             files[folder / LADLES] = page(scene)
         pictures = drawn()
-    stop_if_heard()  # which libraries swallow while they are loaded
+    stop_if_heard()  # libraries swallow interrupts while they are loaded
     if diagnosis.suggestion.measurements:
         files[folder / NEXT] = diagnosis.suggestion.plan_text()
     with_it = {
@@ -63,14 +63,14 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str, *, overwrite: bo
 
 
 def _plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
-    """Return the report's pictures; what draws them takes long to load, and only the copy that does it needs it."""
+    """Return the report's pictures; plotting takes long to import, and only the forked process needs it."""
     from pouring_robot.diagnosis.report.plots import plots
 
     return plots(diagnosis)
 
 
 def described(diagnosis: Conclusions) -> RobotModel:
-    """Return the amended model with a description that says what was found and how good it is."""
+    """Return the amended model with a description of what was found and how good it is."""
     present = diagnosis.model.description
     nearest = ", ".join(e.cause.effect for e in diagnosis.nearest)
     said = [
@@ -88,7 +88,7 @@ Metrics = dict[str, Any]
 
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
-    """Return ``diagnosis.json``, which says where the amended model file is."""
+    """Return ``diagnosis.json``, which includes the path of the amended model file."""
     judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
@@ -130,7 +130,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "thresholds": {
             "false_names": asked.false_names,
             "least_evidence_nats": asked.least_evidence,
-            "by_chance_nats": asked.by_chance,  # what chance alone makes of an effect in this campaign
+            "by_chance_nats": asked.by_chance,  # of the best effect in this campaign by chance alone
             "draws": CHANCE_DRAWS,
             "seed": CHANCE_SEED,
             "made_within": diagnosis.diagnoser.library.made_within,
@@ -149,7 +149,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "next": next_lines(diagnosis),
         "notes": note_lines(diagnosis),
     }
-    # A campaign too small for held-out rows has the key all the same.
+    # A campaign too small for held-out rows has the key, too.
     content["gap"].setdefault("held_out", None)
     if diagnosis.in_turn:
         content["gap"]["in_turn"] = diagnosis.in_turn.figures()

@@ -1,8 +1,7 @@
-"""Measured against drawn and modelled ladles: one ladle in one place, and the states that can be held against it.
+"""Measured against drawn and modelled ladles: one measured ladle, and the states with which it can be compared.
 
 Each state is a robot with its own two outer frames, fitted to the campaign: the drawing, the model given, the amended
-model. What it leaves unexplained is drawn, enlarged, from where the ladle was measured; where nothing is left, the two
-are one.
+model. Its residual is drawn, enlarged, from where the ladle was measured; without a residual the two coincide.
 """
 
 import dataclasses
@@ -37,21 +36,21 @@ _STATE_TINTS: dict[str, Colour] = {
 }
 _MOST_ARROWS = 150
 _NOISE = 30.0
-"""A gap of so many standard deviations is drawn as large as may be: mere noise, some millimetres then, is no gap."""
+"""Gap, in noise standard deviations, below which the enlargement no longer grows: mere noise is then some mm."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelledState:
-    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none."""
+    """A robot compared with the measurements; poses of the end body in the base, NaN where a row has none."""
 
-    name: str  # what it is
+    name: str  # in words
     model: FloatArray  # by this robot, (n, 4, 4)
-    # as measured, through its frames, likewise; the model's rotation where only a position was measured
+    # as measured, through its frames, likewise; with the model's rotation where only a position was measured
     measured: FloatArray
 
     @classmethod
     def of(cls, name: str, rows: CampaignRows, changes: RowChanges, frames: OuterFrames) -> Self:
-        """See the rows of a campaign with changes put into the robot."""
+        """Return the state of a robot with changes put in, for the rows of a campaign."""
         seen = rows.predicted(changes, frames)
         turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)
         poses = ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
@@ -71,7 +70,7 @@ def _inside(frames: OuterFrames, rotation: FloatArray, position_m: FloatArray) -
 
 
 def seen_states(diagnosis: Conclusions) -> list[ModelledState]:
-    """Return the drawing, the model given where it is another, and the amended model where there is one."""
+    """Return the drawing, the model given if it differs, and the amended model if there is one."""
     rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.after
     given = ModelledState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
     states = _drawing_and(given, rows)
@@ -82,7 +81,7 @@ def seen_states(diagnosis: Conclusions) -> list[ModelledState]:
 
 
 def _drawing_and(given: ModelledState, rows: CampaignRows) -> list[ModelledState]:
-    """Return the drawing before a given model, or the drawing alone where the model is no more than that."""
+    """Return the drawing and the given model, or the drawing alone where the model is the drawing."""
     if rows.model.is_drawing and not rows.model.effects:
         return [dataclasses.replace(given, name="drawing")]
     bare: dict[str, Any] = {"joint_placements": {}, "drive_offsets": {}, "effects": []}
@@ -91,7 +90,7 @@ def _drawing_and(given: ModelledState, rows: CampaignRows) -> list[ModelledState
 
 
 def _as_given(name: str, rows: CampaignRows) -> ModelledState:
-    """See the rows through frames that fit all of them best."""
+    """Return the state of a robot without changes, with frames fitted to all rows."""
     return ModelledState.of(name, rows, rows.unchanged(), rows.refined_frames(np.ones(len(rows), dtype=bool)))
 
 
@@ -116,7 +115,7 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
 
 
 def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
-    """Return every measured row of a campaign against a model and the drawing, one after the other; None without any.
+    """Return a scene of every measured row of a campaign against a model and the drawing; None without any.
 
     Raises:
         CampaignError: the data do not fit the robot.
@@ -168,7 +167,7 @@ def _scene(
     robots = [SceneRobot("measured", ladle, measured[:, None], tint=_MEASURED_TINT)]
     arrows = []
     everywhere = _everywhere(states)
-    everywhere = everywhere[:: -(-everywhere.size // _MOST_ARROWS)]  # as many as a picture can bear
+    everywhere = everywhere[:: -(-everywhere.size // _MOST_ARROWS)]  # no more than a picture can show
     words = loops.working_frame.replace("_", " ")
     for state in states:
         moved = shown.copy()
@@ -213,7 +212,7 @@ def _noise_m(against: CampaignRows) -> float:
 def _taken_apart(
     visual: pin.GeometryModel, mechanism: ClosedChainMechanism, frame: str
 ) -> tuple[pin.GeometryModel, pin.GeometryModel]:
-    """Return what moves with a frame, hung on it as the one body there is, and the rest without the truss."""
+    """Return the geometry that moves with a frame, attached to it as a single body, and the rest without the truss."""
     end = mechanism.shared_model.frames[mechanism.frame_id(frame)]
     ladle, rest = pin.GeometryModel(), pin.GeometryModel()
     for part in visual.geometryObjects:
@@ -230,7 +229,7 @@ def _taken_apart(
 def _caption(
     words: str, against: CampaignRows, row: int, sizes_m: dict[str, FloatArray]
 ) -> tuple[tuple[str, str], ...]:
-    """Return what a row says of every state, at the working frame."""
+    """Return the gap of a row to every state, at the working frame."""
     campaign, noise = against.campaign, _noise_m(against)
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
     off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]

@@ -51,13 +51,13 @@ def _measured_lines(diagnosis: Conclusions) -> Iterator[str]:
 
 
 def _too_large_lines(diagnosis: Conclusions) -> list[str]:
-    """Return of which noise that is stated too little is left over."""
+    """Return which stated noise is much larger than the residual."""
     left, component = diagnosis.hypothesis, diagnosis.after.fitted_rows.component
     return diagnosis.rows.noise.too_large(component, left.remainder, left.freedom)
 
 
 def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield what a noise that repeats tell counts as noise, and what not."""
+    """Yield what a noise from repeats includes, and what not."""
     if "repeats" not in (diagnosis.noise[kind].source for kind in KINDS):
         return
     yield (
@@ -73,12 +73,12 @@ def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:
 
 
 def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield which rows took no part, what no other rows tell, and what is not drawn."""
+    """Yield which rows took no part, what no other rows determine, and what is not drawn."""
 
     def these(rows: Indices) -> str:
         return where(diagnosis.campaign, rows, _MOST_LINES)
 
-    besides = (FlagCode.REPEATED_ROWS, FlagCode.UNREACHABLE_DRIVES)  # their flag says what they are
+    besides = (FlagCode.REPEATED_ROWS, FlagCode.UNREACHABLE_DRIVES)  # they have flags of their own
     others = [row for flag in diagnosis.flags if flag.code in besides for row in flag.rows]
     wrong = np.setdiff1d(diagnosis.left_out, others)
     if wrong.size:
@@ -103,7 +103,7 @@ def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
 
 
 def _beside_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield what else is fitted, or would explain something."""
+    """Yield what else is fitted or would explain something."""
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
         yield f"beside it all joints are off as workmanship leaves them, {workmanship}"
@@ -119,7 +119,7 @@ def _beside_lines(diagnosis: Conclusions) -> Iterator[str]:
 
 
 def _elsewhere_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield what other commands can make of the amended model."""
+    """Yield how other commands can use the amended model."""
     effects, timed = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions.time_known
     stays = diagnosis.rows.not_told_by_commands(diagnosis.amended)
     ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not timed]
@@ -137,21 +137,21 @@ def _elsewhere_lines(diagnosis: Conclusions) -> Iterator[str]:
 
 
 def _data_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield what the checks of the data found, and nothing else says."""
-    told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
+    """Yield findings of the data checks that nothing else says."""
+    said = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE}
     by = {item.process.by for item in diagnosis.judgement.remainder}
     if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor") or by - {CHANCE}:
-        told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
+        said.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
     if diagnosis.judgement.scatters:
-        told.add(FlagCode.NOISE_TOO_SMALL)  # the headline says it
-    # A step, however small, tells who reads that the base drifts what else it may be: a tracker that was moved.
+        said.add(FlagCode.NOISE_TOO_SMALL)  # the headline says it
+    # A step, however small, shows the reader of a base drift that the tracker may have moved instead.
     always = (FlagCode.MEASUREMENT_JUMP, FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)
     weighty = [f for f in diagnosis.flags if f.severity == "warning" or f.code in always]
-    yield from (f"data: {flag.message}" for flag in weighty if flag.code not in told)
+    yield from (f"data: {flag.message}" for flag in weighty if flag.code not in said)
 
 
 def workmanship_text(diagnosis: Conclusions) -> str:
-    """Return by how much joints are off that no cause names, in words; "" where they are not, or nothing is named."""
+    """Return how large the joint errors are that no cause names, in words; "" if there are none or nothing is named."""
     named = {found.cause.effect for found in diagnosis.effects if not found.cause.indices}
     sizes = dict[str, float]()
     levels = zip(diagnosis.diagnoser.library.workmanship.items(), diagnosis.hypothesis.levels, strict=True)
@@ -166,7 +166,7 @@ def workmanship_text(diagnosis: Conclusions) -> str:
 
 
 def _minor_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what is fitted beside the causes, and what was for a time."""
+    """Return what is fitted together with the causes, and what was but is left out of the model."""
     minor, fitted = diagnosis.judgement.minor, diagnosis.hypothesis.effects
     beside = [effect for effect in minor if effect in fitted]
     passing = [effect for effect in minor if effect not in fitted]
@@ -179,7 +179,7 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _soft_lines(diagnosis: Conclusions) -> list[str]:
-    """Return how much of the gap the load makes by soft joints beside the causes, which no model holds."""
+    """Return how much of the gap is deflection of compliant joints under load, which no model includes."""
     hypothesis, named = diagnosis.hypothesis, diagnosis.judgement.causes
     if not (named and hypothesis.unnamed):
         return []
@@ -189,7 +189,7 @@ def _soft_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
-    """Yield which single parameters of an effect would do what one at work does: lengths along one line, mostly."""
+    """Yield which single parameters of an effect would do what one at work does, mostly lengths along one line."""
     found, hidden = diagnosis.hypothesis, diagnosis.judgement.thresholds.hidden
     single = [item for item in found.problem.explanations if item.columns.shape[1] == 1]
     for index in (k for effect in diagnosis.effects for k in effect.cause.indices if found.items[k] in single):

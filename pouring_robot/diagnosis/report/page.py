@@ -33,7 +33,7 @@ _MOST_OPEN = 14
 def html_report(
     diagnosis: Conclusions, pictures: Iterable[tuple[str, str]], links: Mapping[str, str] | None = None
 ) -> str:
-    """Return the report with its pictures as one page, which links to the files beside it by what they are."""
+    """Return the report with its pictures as one page, with links to the other files by what they are."""
     first, *others = [Plot(title, svg) for title, svg in pictures]
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),
@@ -65,7 +65,7 @@ def html_report(
 
 
 def _rows_used(diagnosis: Conclusions) -> str:
-    """Return which rows served for what, and how exact they are."""
+    """Return which rows were used for what, and their noise."""
     noise, sigma = diagnosis.noise, diagnosis.noise.length_m / MM
     held, played = "none held out", ""
     if diagnosis.held_out_name:
@@ -83,7 +83,7 @@ def _rows_used(diagnosis: Conclusions) -> str:
 
 
 def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
-    """Return an effect with all its parameters, folded away where they are many or belong to no cause."""
+    """Return an effect with all its parameters, folded where they are many or may belong to no cause."""
     cause = effect.cause
     named = diagnosis.parameters_of(effect)
     rows = [
@@ -103,7 +103,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
         for name, found in named
     ]
     others = f"; cannot be told from {', '.join(cause.alternatives)}" if cause.alternatives else ""
-    # Beside something unknown a probability among the known causes would mislead.
+    # Where something is unknown, a probability among the known causes would mislead.
     sure = "" if diagnosis.verdict == "unknown" else f"probability {cause.probability:.4f}, "
     surely = f"{sure}log evidence {cause.evidence:.0f} nats{others}"
     form = form_text(diagnosis, effect)
@@ -117,7 +117,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
 
 
 def _measurements(diagnosis: Conclusions, suggested: list[SuggestedMeasurement]) -> Table:
-    """Return what to measure next, each by the number it has in the plan."""
+    """Return what to measure next, each with its number in the plan."""
     planned = diagnosis.suggestion.measurements
     return Table(
         ("sample", "adds, nats", "pose and conditions", "hours later", "tells apart", "number"),

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, what is left."""
+"""Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, the remainder."""
 
 import textwrap
 from collections.abc import Iterable
@@ -24,9 +24,9 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, evenl
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, own_look, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
-_MOST_ROWS = 1000  # a picture of more points tells no more, and its page opens slowly
+_MOST_ROWS = 1000  # more points would show no more and slow the page down
 _NARROW = 4.0
-_TITLE_LETTERS = 120  # more reach beyond the picture
+_TITLE_LETTERS = 120  # longer lines would not fit into the picture
 
 
 @own_look()
@@ -36,7 +36,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
     held = "no row held out" if diagnosis.fitted.all() else "held-out rows ringed"
-    told = diagnosis.rows.measured.known[:, :6].any()  # else there are no axes
+    told = diagnosis.rows.measured.known[:, :6].any()  # otherwise there are no axes
     axes, own = (f"{whose}'s axes; " if told else "" for whose in ("tracker", words.base))
     drawn = [
         (f"The gap of each component, before and after (RMS, {axes}logarithmic)", _gap(diagnosis)),
@@ -51,7 +51,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
 
 
 def _shown(diagnosis: Conclusions) -> BoolArray:
-    """Return which rows are drawn, shape (n,): all, or an even choice of many."""
+    """Return which rows are drawn, shape (n,): all, or an even selection of many."""
     count = len(diagnosis.rows)
     return np.isin(np.arange(count), evenly_spaced(count, _MOST_ROWS))
 
@@ -103,7 +103,7 @@ def _residuals(diagnosis: Conclusions) -> str:
     tables = [_residual_table(diagnosis, state) for *_, state in kinds]
     width, height = max(1.75 * len(shown), 5.0), 5.6
     figure = new_figure(width, height)
-    figure.set_layout_engine(None)  # to find room beside so many panels takes longer than to draw them
+    figure.set_layout_engine(None)  # the layout of so many panels takes longer than drawing them
     room = {"left": 0.7 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.4 / height}
     seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
     lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
@@ -133,13 +133,13 @@ def _residuals(diagnosis: Conclusions) -> str:
 
 
 def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: BoolArray) -> list[str]:
-    """Return what the points of rows are, those left out that are not drawn."""
+    """Return labels for the points of the rows that are drawn."""
     named = zip(diagnosis.rows.campaign.lines, values, drawn, strict=True)
     return [f"line {line}: {value:+z.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]
 
 
 def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:
-    """Return the names of the conditions that residuals are drawn over: time, load, travels, heat and pose."""
+    """Return the names of the conditions over which residuals are drawn: time, load, travels, heat and pose."""
     driving = dict.fromkeys(name for effect in effects for name in (*effect.needs, effect.driver))
     rises = [name for name in driving if name.endswith(RISE)]
     pose = "height_m" if given.tilt_rad is None else "tilt_rad"
@@ -150,7 +150,7 @@ def _residual_table(diagnosis: Conclusions, state: State) -> FloatArray:
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
     table[~_shown(diagnosis)] = np.nan
     turned = in_base(table, state.frames.T_tracker_base.rotation)
-    # Where no row has all three coordinates none has any in other axes than the tracker's.
+    # If no row has all three coordinates they cannot be rotated from the tracker's axes.
     return table if np.isnan(turned[:, :3]).all() else turned
 
 
@@ -182,7 +182,7 @@ def _signatures(diagnosis: Conclusions) -> str:
 
 
 def _shape_panel(axes: Any, shape: Shape, deviations: float) -> None:
-    """Draw what the campaign says of an effect's shape, within so many deviations (95 %), and the textbook's."""
+    """Draw an effect's learned shape, plus and minus some standard deviations (95 %), and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
     order = order[evenly_spaced(order.size, _MOST_ROWS)]
     over, learned = shape.axis.values[order], shape.learned[order]
@@ -209,7 +209,7 @@ def _evidence(diagnosis: Conclusions) -> str:
 
 
 def _bars(axes: Any, named: list[tuple[str, float]], colour: Any, size: float, margin: float) -> None:
-    """Draw named values as bars from the top, each with its figure, in letters of a size."""
+    """Draw named values as bars from the top, each with its figure, in a font size."""
     places = range(len(named))
     axes.barh(places, [value for _, value in named], color=colour)
     axes.set_yticks(places, [name for name, _ in named], fontsize=size)
@@ -230,7 +230,7 @@ def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
 
 
 def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
-    """Return the log evidence as the explanations are added in the order they were found, over none of them."""
+    """Return the log evidence, relative to no explanation, as they are added in the order they were found."""
     current = replace(hypothesis, items=(), scales=()).settled()
     start, steps = current.log_evidence, []
     for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
@@ -240,9 +240,9 @@ def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
 
 
 def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
-    """Return by how much log evidence drops with another effect in the place of a cause, best form of each, in nats.
+    """Return by how much log evidence drops with another effect in place of a cause, best form of each, in nats.
 
-    What comes close is as it was judged; what does not, as it is at first sight, all else held.
+    Close rivals are as they were judged; others as they are before settling, with all else held.
     """
     own, best = hypothesis.worth(cause.indices), hypothesis.without(cause.indices).best_forms(hypothesis.rivals)
     judged = {effect: -margin for effect, margin in cause.margins.items()}

@@ -1,4 +1,4 @@
-"""A diagnosis in sentences that a shop floor understands."""
+"""A diagnosis in sentences for the shop floor."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from pouring_robot.robot.description.cause_types import AxisTilt
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
 _MOST_NATS_SAID = 1000.0
-_GAP = 1.2  # how many times the noise a gap must be: of one that is hardly there a share says nothing
+_GAP = 1.2  # how many times the noise a gap must be: a share of a smaller gap says nothing
 
 
 def plain(name: str) -> str:
@@ -47,7 +47,7 @@ def headline(diagnosis: Conclusions) -> str:
             return f"NO STRUCTURE: {said}"
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
-        # A probability among the known causes would say less than it seems to.
+        # A probability among the known causes would mislead.
         named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
         besides = f" Found beside it: {named}." if named else ""
         if diagnosis.misfit:
@@ -58,7 +58,7 @@ def headline(diagnosis: Conclusions) -> str:
             said += f", by {size:.1f} times the noise"
         return f"UNKNOWN: {said}.{besides}"
     names = _names(diagnosis)
-    # Who reads one sentence must not take the causes for the gap where joints make more of it.
+    # A reader of this sentence alone must not take the causes for the gap where joints make more of it.
     mostly = ""
     if diagnosis.mostly_workmanship:
         mostly = f" Workmanship makes more of the gap: all joints are off {workmanship_text(diagnosis)}."
@@ -68,7 +68,7 @@ def headline(diagnosis: Conclusions) -> str:
 
 
 def scatter_text(diagnosis: Conclusions) -> str:
-    """Return as which noise what is left scatters from row to row; "" where it does not, or is as stated."""
+    """Return in words as which larger noise the residual scatters from row to row; "" where it does not."""
     left = diagnosis.noise_left
     if left is None:
         return ""
@@ -92,7 +92,7 @@ def _names(diagnosis: Conclusions) -> str:
 
 
 def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
-    """Return that few searches without a block find a cause; "" where most do, or there were none."""
+    """Return that few searches without a block find a cause, in words; "" where most do, or there were none."""
     turns = diagnosis.in_turn
     if turns is None or not turns.seldom(cause):
         return ""
@@ -100,7 +100,7 @@ def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
-    """Return the gap before and after in one sentence: of held-out rows where there are any."""
+    """Return the gap before and after in one sentence: of held-out rows if there are any."""
     name, gap = diagnosis.shown_gap
     said, sizes = list[str](), _sizes(gap)
     for kind, (before, after, floor) in sizes.items():
@@ -115,14 +115,14 @@ def gap_sentence(diagnosis: Conclusions) -> str:
 
 
 def _sizes(gap: Gap) -> dict[Kind, list[float]]:
-    """Return the gap before and after, and the noise, in m or rad, of positions and rotations where there are any."""
+    """Return the gap before and after, and the noise, in m or rad, of positions and rotations if there are any."""
     of: dict[Kind, Callable[[str], float]] = {"position": gap.position, "rotation": gap.rotation}
     sizes = {kind: [size(which) for which in ("before", "after", "floor")] for kind, size in of.items()}
     return {kind: size for kind, size in sizes.items() if math.isfinite(size[0])}
 
 
 def _closed_text(diagnosis: Conclusions, sizes: Mapping[Kind, Sequence[float]]) -> str:
-    """Return how much of the gap is closed, in position or else in rotation; "" where there hardly is one."""
+    """Return how much of the gap is closed, in position or else in rotation; "" where there is hardly any."""
     clear = [kind for kind, (before, _, floor) in sizes.items() if before > _GAP * floor]
     if not clear or diagnosis.verdict == "no_gap":
         return ""
@@ -133,7 +133,7 @@ def _closed_text(diagnosis: Conclusions, sizes: Mapping[Kind, Sequence[float]]) 
 
 
 def worse_sentence(diagnosis: Conclusions) -> str:
-    """Return that the amended model is not to be used; "" where it is no worse than the given one."""
+    """Return that the amended model must not be used; "" where it is no worse than the given one."""
     return "Worse on held-out rows: do not use this model." if diagnosis.worse else ""
 
 
@@ -173,7 +173,7 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
 
 
 def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = True) -> list[str]:
-    """Return an effect in sentences: what happens, how large it is, its parameters; if short, the clearest of them."""
+    """Return an effect in sentences: what happens, how large it is, its parameters; if short, only the clearest."""
     cause, tip = effect.cause, diagnosis.rows.conditions.causes.words.tip
     lines = [
         f"{cause.effect}: {effect.story}",
@@ -184,7 +184,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     known = diagnosis.diagnoser.library.effects[cause.effect]
     beyond = _beyond_nature(diagnosis, effect, every)
     with_care = [*known.to_read_with_care(diagnosis.rows.conditions), *left_open(diagnosis, effect), *beyond]
-    if together := diagnosis.in_words(effect):  # in the place of the parameters
+    if together := diagnosis.in_words(effect):  # instead of the parameters
         return [*lines, *together, *with_care]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
     order = sorted(
@@ -206,9 +206,9 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
 def _beyond_nature(
     diagnosis: Conclusions, effect: NamedEffect, every: Iterable[tuple[str, FoundParameter]]
 ) -> Iterator[str]:
-    """Yield which values no machine has, where chance alone puts none of them there more often than names are false."""
+    """Yield which values are beyond physical limits; by chance alone only at the accepted rate of false names."""
     if all(diagnosis.hypothesis.items[k].bounds is None for k in effect.cause.indices):
-        return  # of what the given model has already there may be less
+        return  # a part that the given model has already may have to become smaller
     bounded = [(name, p) for name, p in every if np.isfinite(p.parameter.bounds).any()]
     rate, beyond = diagnosis.diagnoser.thresholds.false_names / len(bounded), []
     for name, found in bounded:
@@ -223,14 +223,14 @@ def _beyond_nature(
 
 
 def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:
-    """Return which of some parameters may be zeros of the joints before as well, in words; "" where none may."""
+    """Return which parameters may be zeros of the preceding joints as well, in words; "" where none may."""
     zeros = {f"{tilt.joint}.tilt_{axis}": joint for tilt in tilts for axis, joint in tilt.zeros.items()}
     told = [f"{plain(name)} as {plain(zeros[name])}'s" for name in names if name in zeros]
     return f"turns what follows as the zero of the joint before it would: {', '.join(told)}" if told else ""
 
 
 def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
-    """Return the form of an effect in words, or its forms; "" where that says nothing: workmanship, all drives."""
+    """Return the form or forms of an effect in words; "" where that says nothing: workmanship, all drives."""
     at_work = [diagnosis.hypothesis.items[k].form for k in effect.cause.indices] or [effect.cause.form]
     told = [f"'{plain(form)}'" for form in dict.fromkeys(at_work) if form not in (WORKMANSHIP_FORM, "all")]
     return f"form{'s' * (len(told) > 1)} {', '.join(told)}" if told else ""
@@ -243,7 +243,7 @@ def parameter_text(name: str, found: FoundParameter) -> str:
 
 
 def apart_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what this campaign cannot tell apart, and what would."""
+    """Return what this campaign cannot distinguish, and what would distinguish it."""
     lines = []
     for effect in diagnosis.firm:
         cause = effect.cause
@@ -257,7 +257,7 @@ def apart_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def left_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
+    """Return what is left and why the verdict is ``unknown``: descriptions, not causes."""
     if diagnosis.verdict != "unknown":
         return []
     lines, judged, better = list[str](), diagnosis.judgement, dict[str, list[str]]()
@@ -276,7 +276,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def spare_lines(diagnosis: Conclusions) -> list[str]:
-    """Return which effects were tried beside the named ones and are not asked for, with what they would be worth."""
+    """Return which effects were tried with the named ones and are not needed, with their log evidence."""
     spare = diagnosis.spare if diagnosis.firm and diagnosis.verdict != "unknown" else {}
     least = diagnosis.diagnoser.thresholds.least_evidence
     said = {effect: f"{effect} ({worth:+z.1f} nats)" for effect, worth in spare.items()}
@@ -288,7 +288,7 @@ def spare_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
-    """Return those of :func:`sources` that a campaign does not have."""
+    """Return the :func:`sources` that a campaign lacks."""
     columns = {*campaign.missing_conditions()}
     stated, wanted = campaign.metadata.stated, sources(needs, campaign.robot)
     found = tuple(name for name in wanted if name in columns or (name in stated and stated[name] is None))
@@ -296,7 +296,7 @@ def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
 
 
 def source_text(names: Sequence[str], campaign: Campaign) -> str:
-    """Return in words what is to be given: columns in the table, keys in the YAML beside it, a session, masses."""
+    """Return in words what must be given: columns in the table, keys in its YAML, a session, masses."""
     if list(names) == ["session"] and "session" in campaign.headings:
         return f"all rows are of one session; {facts_of('session', campaign.robot).vary} in a second"
     keys = [name for name in names if "." in name]
@@ -361,7 +361,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _unweighed(diagnosis: Conclusions) -> list[str]:
-    """Return what no masses tell of weight, where a cause that goes by drives and poses alone may stand in for it."""
+    """Return the effects of weight that lack masses, where a cause of drives and poses alone may stand in for them."""
     effects = diagnosis.diagnoser.library.effects
     named = (effects[found.cause.effect] for found in diagnosis.effects)
     if not any(effect.moves_robot and not effect.needs and not effect.passes for effect in named):
@@ -411,12 +411,12 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _nats_text(nats: float) -> str:
-    """Return evidence in words; beyond any doubt it is no use to say how far."""
+    """Return evidence in words; beyond any doubt, only a lower bound."""
     return f"{nats:.1f} nats" if nats < _MOST_NATS_SAID else f"more than {_MOST_NATS_SAID:g} nats"
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:
-    """Return headings and lines in the order they matter, if short the most important; empty sections are left out."""
+    """Return headings and lines in order of importance, if short only the most important; no empty sections."""
     where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
