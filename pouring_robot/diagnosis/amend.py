@@ -1,7 +1,7 @@
-"""The amended model: what was found, put where it acts.
+"""The amended model: what was found is added where it acts.
 
-What stands still, such as a displaced joint, becomes part of the robot's placements and drive offsets, where every
-command sees it. What depends on conditions stays in the effect stack with its parameters, to be put in row by row.
+Constant errors, such as a displaced joint, become part of the robot's placements and drive offsets, which every command
+uses. What depends on conditions stays in the effect stack with its parameters, to be applied row by row.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ _STILL = 1e-12
 
 
 def amended(diagnosis: Findings) -> RobotModel:
-    """Return the given model with everything added that the diagnosis fitted, marked if held-out rows speak against it.
+    """Return the given model with everything added that the diagnosis fitted, marked if it is worse on held-out rows.
 
-    Placements are composed exactly. Against the diagnosis, which adds up the twists at one joint, that is a difference
-    of second order in its rotations.
+    Placements are composed exactly. The diagnosis adds up the twists at one joint, which differs in the second order of
+    its rotations.
 
     Raises:
         CalibrationError: a displacement is too large to be an error of a robot.
@@ -52,9 +52,9 @@ def amended(diagnosis: Findings) -> RobotModel:
 
 
 def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
-    """Return whether a parameter, of an effect without conditions, changes only joints and drives, alike in every row.
+    """Return whether a parameter, of an effect without conditions, changes only joints and drives, equally in all rows.
 
-    These are what is inside the mechanism; the fixed platform and the tracker are not.
+    These are inside the mechanism (``inside``); the fixed platform and the tracker are not.
     """
     known = set(inside)
     return all(
@@ -66,14 +66,14 @@ def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
 def _found(diagnosis: Findings) -> FoundByKey:
     """Return parameters by effect and form, as the amended robot has them.
 
-    Values are those the robot was closed with. A parameter that the last weighing gave up again, too small to
-    matter, is still in it; its standard deviation is what one would expect of it beforehand.
+    Values are those with which its loops were closed. A parameter that the last search dropped as too small to matter
+    is still in it; its standard deviation is that of its prior.
     """
     left, found = diagnosis.after.by_parameter, FoundByKey()
     for key, parameters in diagnosis.parameters:
         own = (replace(p, value=left[p.parameter].pop(0)) for p in parameters if left.get(p.parameter))
         found.append((key, tuple(own)))
-    # What is left belongs to the largest form that is there as a whole.
+    # The remaining ones belong to the largest form of which all parameters are there.
     forms = diagnosis.diagnoser.library.every_form.items()
     for key, whole in sorted(forms, key=lambda item: -len(item[1].parameters)):
         if all(left.get(p) for p in whole.parameters):

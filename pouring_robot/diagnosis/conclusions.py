@@ -1,4 +1,4 @@
-"""What follows from the findings: what is left, the amended model, the next measurements."""
+"""What follows from the findings: the remainder, the amended model, the next measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ from pouring_robot.robot.model import RobotModel
 
 
 class Conclusions(Findings):
-    """Findings and what follows from them, each worked out once, when it is asked for."""
+    """Findings and what follows from them, each computed once, on request."""
 
     @cached_property
     def where(self) -> Where:
@@ -31,10 +31,10 @@ class Conclusions(Findings):
 
     @cached_property
     def moved(self) -> dict[str, FloatArray]:
-        """By how much each effect moves the tool, (n, 3) in m, in the axes of the base, by effect.
+        """Displacement of the tool by each effect, (n, 3) in m, in the axes of the base, by effect.
 
-        Loops are closed exactly with everything found and again without its parameters: to show, not to judge by. A
-        constant part counts here, though the frames absorb it in the campaign.
+        Loops are closed exactly with everything found, and again without the effect's parameters. It is for display,
+        not for decisions: a constant part counts here, though the frames absorb it in the campaign.
         """
         rows, after = self.rows, self.after
         frames = OuterFrames(pin.SE3.Identity(), self.model.definition.mechanism().T_end_tool)
@@ -48,18 +48,18 @@ class Conclusions(Findings):
         return {e.cause.effect: everything - tool(e.parameters) for e in self.effects}
 
     def farthest_m(self, effect: str) -> float:
-        """Return how far an effect moves the tool in these rows at most, in m; NaN where no row says it."""
+        """Return how far an effect moves the tool in these rows at most, in m; NaN where no row has a pose."""
         return float(np.fmax.reduce(np.linalg.norm(self.moved[effect], axis=1)))
 
     @cached_property
     def remainder(self) -> tuple[Remainder, ...]:
-        """The structure that is left, largest first; nothing where none counts."""
+        """The structure left in the residual, largest first; none where none counts."""
         found = (Remainder.of(self, structure) for structure in self.judgement.remainder)
         return tuple(sorted(found, key=lambda one: -one.size))
 
     @cached_property
     def suggestion(self) -> Suggestion:
-        """What to measure next; where there is nothing it says why: the diagnosis stands without."""
+        """What to measure next, or why nothing is suggested: the diagnosis does not depend on it."""
         try:
             return suggest_measurements(self, self.next_count)
         except PouringRobotError as problem:
@@ -81,7 +81,7 @@ class Conclusions(Findings):
 
     @property
     def refused(self) -> str:
-        """Why the model was left as it was given; "" where it was amended or nothing was found."""
+        """Why the model was left as given; "" where it was amended or nothing was found."""
         return self._amended[1]
 
     @property
@@ -91,14 +91,14 @@ class Conclusions(Findings):
 
     @property
     def gaps(self) -> dict[str, Gap]:
-        """The gap by kind of rows; of a model that was not amended nothing changes."""
+        """The gap by kind of rows; unchanged where the model was not amended."""
         found = {"held_out": self.held_out, "train": self.train}
         kept = {name: gap for name, gap in found.items() if gap is not None}
         return {name: replace(gap, after=gap.before) for name, gap in kept.items()} if self.refused else kept
 
     @property
     def shown_gap(self) -> tuple[str, Gap]:
-        """The gap that counts, with the name of its rows: held-out rows where there are any."""
+        """The gap that counts, with the name of its rows: held-out rows if there are any."""
         gaps = self.gaps
         return ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
 

@@ -1,4 +1,4 @@
-"""Diagnosis of a campaign: is there a gap, which effect is missing, and what the model with it leaves over."""
+"""Diagnosis of a campaign: is there a gap, which effect is missing, and what residual the amended model leaves."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ _NO_ROWS: Indices = np.zeros(0, dtype=np.intp)
 
 @dataclass(frozen=True)
 class DiagnosisOptions(Options):
-    """How to diagnose; what is of another type or out of range raises BadInputError."""
+    """Options of a diagnosis; a value of another type or out of range raises BadInputError."""
 
-    exclude: str | tuple[str, ...] = ()  # ids of effects that are not to be named
+    exclude: str | tuple[str, ...] = ()  # ids of effects that must not be named
     hold_out: HoldOut = "auto"  # kind of block that takes no part
-    # rate of false names that is accepted where nothing is missing; what evidence a name needs follows from it
+    # accepted rate of false names where nothing is missing; the evidence that a name needs follows from it
     false_names: float = DEFAULT_THRESHOLDS.false_names
     next_count: int = USUAL_COUNT  # how many measurements to suggest
-    # standard deviation that places of joints, in mm, and directions of their axes, in mrad, are known not to exceed,
-    # of a machine in which nothing is wrong; None: it is found
+    # known upper limit of the standard deviation of joint positions, in mm, and of axis directions, in mrad, in a
+    # machine in which nothing is wrong; None: it is estimated
     made_within_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -82,11 +82,11 @@ class DiagnosisOptions(Options):
                 raise BadInputError(f"{said}, not {self.made_within_mm:g}")
             object.__setattr__(self, "made_within_mm", float(self.made_within_mm))
         for name, plain in {"next_count": count, "false_names": rate}.items():
-            object.__setattr__(self, name, plain)  # the report's JSON takes no numbers of numpy's
+            object.__setattr__(self, name, plain)  # the report's JSON cannot encode NumPy numbers
 
 
 class Diagnosis(Conclusions, Result):
-    """What was found and what follows, in words, as a table and as files."""
+    """Findings and conclusions, in words, as a table and as files."""
 
     @property
     def headline(self) -> str:
@@ -107,11 +107,11 @@ class Diagnosis(Conclusions, Result):
         return pd.DataFrame(rows, columns=columns)
 
     def to_dataset(self) -> xr.Dataset:
-        """Return what each row of the campaign leaves over, measured minus predicted, in the tracker's axes.
+        """Return the residuals of each row of the campaign, measured minus predicted, in the tracker's axes.
 
-        ``residual_before`` is with the given model, ``residual_after`` with the amended one, the frames fitted to each:
-        (row, component), in m and rad, NaN where nothing was measured or a row is left out. ``used`` says which rows
-        were fitted, held out or left out, ``line`` where they stand in the file.
+        ``residual_before`` is of the given model, ``residual_after`` of the amended one, with the frames fitted to
+        each: (row, component), in m and rad, NaN where nothing was measured or a row is left out. ``used`` says which
+        rows were fitted, held out or left out; ``line`` is their line in the file.
         """
         import xarray as xr
 
@@ -152,9 +152,9 @@ def diagnose(
 
     Args:
         campaign: the data, or the path of their table.
-        model: the robot as believed, or the path of its file; by default the drawing of the campaign's robot.
-        options: how.
-        progress: told what is being done.
+        model: the model of the robot, or the path of its file; by default the drawing of the campaign's robot.
+        options: of the diagnosis.
+        progress: called with what is being done.
 
     Raises:
         BadInputError: an effect to leave out does not exist.
@@ -184,9 +184,9 @@ def diagnose(
 
 @contextmanager
 def _located(diagnoser: Diagnoser) -> Iterator[Callable[[Diagnosis], Diagnosis]]:
-    """Yield what tells a diagnosis where model and data disagree: a core that the search leaves free works that out.
+    """Yield a function that adds to a diagnosis where model and data disagree, computed on another core meanwhile.
 
-    Where no other core can, it is left to who asks the diagnosis for it.
+    Without another core it is computed when the diagnosis is asked for it.
     """
     here = functools.partial(where_of, diagnoser)
     with forked(here) as elsewhere:
@@ -201,7 +201,7 @@ def _located(diagnoser: Diagnoser) -> Iterator[Callable[[Diagnosis], Diagnosis]]
 
 @dataclass(frozen=True)
 class _Work:
-    """One campaign, as often as it takes."""
+    """The diagnosis of one campaign, repeated as often as needed."""
 
     campaign: Campaign
     model: RobotModel
@@ -210,7 +210,7 @@ class _Work:
     say: Progress
 
     def asked(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Subset:
-        """Return the campaign with some rows left out, and those for want of a value that nothing stands for."""
+        """Return the campaign without some rows, and without those that lack a value with no substitute."""
         kept = self.campaign.usable.copy()
         for rows_out in (flagged, unfitting, *rows_without(self.campaign).values()):
             kept[rows_out] = False
@@ -231,14 +231,14 @@ class _Work:
         return Subset(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
 
     def searched(self, asked: Subset, start: Hypothesis | None = None) -> Searched:
-        """Search, from what was found with more rows."""
+        """Search, starting with what was found with more rows, if anything."""
         self.say("searching for effects", 0, 0)
         return Searched(asked, asked.diagnoser, *asked.diagnoser.found(start)).with_noise_settled()
 
     def without_gross_errors(self, found: Searched) -> Searched:
-        """Search again without the rows that fit nothing, if what is left then is calm.
+        """Search again without the rows that fit nothing; accepted if the residuals are then close to the noise.
 
-        Otherwise what is missing is missing in many rows, and none is known to be wrong.
+        Otherwise an unknown cause acts in many rows, and none is known to be wrong.
         """
         tried = found
         for _ in range(ROUNDS):
@@ -246,7 +246,7 @@ class _Work:
             if not more.size or tried.asked.inliers.size - more.size < _FEWEST_ROWS:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
-            # What wrong rows have drawn to themselves is nothing to start from.
+            # A fit that wrong rows have pulled towards themselves is no starting point.
             start = tried.hypothesis if tried.telling else None
             asked = self.asked(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
             tried = self.searched(asked, start)
@@ -254,11 +254,11 @@ class _Work:
         return found
 
     def judged(self, found: Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
-        """Say what may be said of what was found."""
+        """Return the diagnosis of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
         asked, diagnoser = found.asked, found.diagnoser
         rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
-        free_residuals(before, rows)  # too few are told now, not when somebody asks where they disagree
+        free_residuals(before, rows)  # raises for too few rows now, not when ``where`` is asked for
         misfit = self._doubted(found) or _misfit(rows, before.linear)
         unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
         judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
@@ -267,7 +267,7 @@ class _Work:
             anew = self.judged(found.under_larger(judgement.larger_noise), flags)
             if not (anew.judgement.clear_structures or anew.judgement.beaten):
                 return anew
-            # With less beside it that noise leaves something clear: it is none.
+            # A process is clear under that noise, given what is found with it: it is no larger noise.
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
             judgement, after, hypothesis, in_turn = concluded
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
@@ -307,18 +307,18 @@ class _Work:
             ),
             next_count=self.options.next_count,
         )
-        # What no model can hold, or does not do there what it was found for, is no cause, however well it explains.
+        # What no model can include, or does not do in it what it was found for, is no cause, however well it explains.
         why = (diagnosis.refused if judgement.names else "") or unsettled
         causes = [self.effects[cause.effect] for cause in judgement.causes if cause.indices]  # without workmanship
-        if in_turn and causes and not why and not any(cause.passes for cause in causes):  # which nothing foretells
+        if in_turn and causes and not why and not any(cause.passes for cause in causes):  # these no model predicts
             why = in_turn.refuted
         if not why:
             return diagnosis
-        told = misfit if judgement.verdict == "unknown" else why
-        return replace(diagnosis, misfit=told, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
+        misfit = misfit if judgement.verdict == "unknown" else why
+        return replace(diagnosis, misfit=misfit, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
 
     def _doubted(self, found: Searched) -> str:
-        """Return which rows may be wrong, in words, where too few would be left without; "" where there are none."""
+        """Return which rows may be wrong, in words, if too few would remain without them; "" if there are none."""
         rows = found.asked.inliers.size
         wrong = found.gross_errors if rows < FEW_ROWS else found.asked.inliers[:0]
         if not wrong.size or rows - wrong.size >= _FEWEST_ROWS:
@@ -328,10 +328,10 @@ class _Work:
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
     ) -> tuple[Judgement, LinearState, Hypothesis, CrossValidatedGap | None]:
-        """Return what may be said of what was found, the model amended by it, and what blocks in turn say of it."""
+        """Return the judgement, the amended state, its hypothesis, and the gap in blocks held out in turn."""
         diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
         rows, fitted = diagnoser.rows, diagnoser.fitted
-        # Where the noise is not stated, scatter from row to row is noise.
+        # Where the noise is not stated, scatter from row to row counts as noise.
         known = not rows.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
         judgement = judge(
@@ -344,7 +344,7 @@ class _Work:
             unexplained=misfit,
             varied=lambda effect: varied(diagnoser.added(hypothesis, effect, after.linear), rows.conditions),
         )
-        if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
+        if not judgement.causes:  # nothing is named, so nothing is added: the model stays as given
             after = before
         in_turn = None
         parts = found.asked.parts
@@ -355,7 +355,7 @@ class _Work:
         if in_turn:
             judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
         passing = [effect for effect in judgement.minor if self.effects[effect].passes]
-        if passing and judgement.causes:  # they are of these rows, not of the robot
+        if passing and judgement.causes:  # they belong to these rows, not to the robot
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)
             after, hypothesis = diagnoser.settled(after, hypothesis)
         return judgement, after, hypothesis, in_turn
@@ -370,7 +370,7 @@ def _noise_notes(noise: NoiseLevel) -> list[str]:
 
 
 def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
-    """Return which rows are held out, None where they are too few for that, and what is to be noted."""
+    """Return which rows are held out, None where they are too few for that, and notes."""
     try:
         return split(campaign, _NO_ROWS, kind), []
     except CalibrationError as problem:
@@ -382,19 +382,19 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
 def _unsettled(after: LinearState, hypothesis: Hypothesis, thresholds: Thresholds) -> str:
     """Return that causes, put into the robot, do not do what they were found for, in words; "" where they do.
 
-    So large that what is linear of them tells nothing, they are where the search gave up, and nothing that is at work.
+    They are then too large to be linearised: the point where the search gave up, and no causes at work.
     """
-    beside = [hypothesis.part(k) for k in hypothesis.unnamed]
+    unnamed = [hypothesis.part(k) for k in hypothesis.unnamed]
     left = hypothesis.problem.nuisance.cleared(after.linear.residual)
-    foretold = hypothesis.remainder + sum(beside, np.zeros(left.size))
-    if len(beside) == len(hypothesis.items) or rms(left - foretold) < thresholds.structure_size:
+    predicted = hypothesis.remainder + sum(unnamed, np.zeros(left.size))
+    if len(unnamed) == len(hypothesis.items) or rms(left - predicted) < thresholds.structure_size:
         return ""
-    sizes = f"{rms(left):.1f} times the noise, where {rms(foretold):.1f} times was foretold"
+    sizes = f"{rms(left):.1f} times the noise, where {rms(predicted):.1f} times was foretold"
     return f"what was found leaves, put into the robot and closed exactly, {sizes}: it is too large to be believed"
 
 
 def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
-    """Return what of a noise that comes from what is left over is too large for one, in words; "" where nothing is."""
+    """Return which noise estimated from the residuals is too large to be noise, in words; "" where none is."""
     robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
     noise = rows.noise
     sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)

@@ -1,4 +1,4 @@
-"""The search of a diagnosis: what is found is put into the robot, which is linearised again until nothing moves."""
+"""The search of a diagnosis: what is found is put into the robot, which is linearised again until convergence."""
 
 import functools
 import math
@@ -29,25 +29,25 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, rms
 
 _ROUNDS = 4
 _STEPS, _MOST_STEPS = 4, 12
-"""Of one answer, between two searches and at the end; most stay after one or two."""
+"""Most linearisations of one answer, between two searches and at the end; most answers converge after one or two."""
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _BENT = 0.3
-"""Noise deviations: over a hundred equations what is off by as much tells 4.5 nats, as one more cause has to."""
+"""In noise standard deviations: in a hundred equations such an error has 4.5 nats, the evidence that a cause needs."""
 _TRIED = 3
-"""Effects that are settled each alone where the drawing's derivatives do not tell: as many as the search tries."""
+"""Effects that are settled each alone where the drawing's derivatives do not suffice: as many as the search tries."""
 _FREE = 1e-9
-"""Prior of a free unknown over all that the rows tell of it: it holds none, where rounding alone would tell of it."""
+"""Prior precision of a free unknown over that of the data: negligible, but enough where only rounding determines it."""
 _TRUST = 0.25
-"""Share of a step's square that it may be off from its linear prediction."""
+"""Largest error of a step's linear prediction, as a share of the step's square."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A robot with changes put in, and the rows as they look from there."""
+    """A robot with changes put in, and the residuals of the rows there."""
 
     parameters: tuple[EffectParameter, ...]  # what is changed: effects' and workmanship's parameters
-    values: FloatArray  # one a parameter, in its unit
+    values: FloatArray  # one for each parameter, in its unit
     frames: OuterAndSessionFrames  # the two frames
     every_row: WhitenedRows  # residuals there
     fitted: BoolArray  # which rows are fitted, (n,)
@@ -68,7 +68,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class LinearState(State):
-    """The same with the rows' derivatives, which of many rows take most of the room."""
+    """The same with the rows' derivatives, which take most of the memory."""
 
     every_row: LinearRows
 
@@ -79,21 +79,21 @@ class LinearState(State):
 
     @property
     def alone(self) -> State:
-        """It without derivatives."""
+        """The same state without derivatives."""
         return State(self.parameters, self.values, self.frames, self.every_row.alone, self.fitted)
 
 
 class _Followed(NamedTuple):
-    """Where a search came to."""
+    """Result of a search."""
 
     state: LinearState
     hypothesis: Hypothesis  # of the problem there
-    bent: float  # most that a step differed from its linear prediction, in noise units (root mean square)
+    bent: float  # largest difference of a step from its linear prediction, in noise units (root mean square)
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnoser:
-    """Searches a campaign for effects, exactly: the robot is linearised again at every answer."""
+    """Searches a campaign for effects; the robot is linearised again at every answer, so that it is exact."""
 
     rows: CampaignRows  # the campaign
     library: Library  # what may be found
@@ -105,7 +105,7 @@ class Diagnoser:
         return self.rows.refined_frames(self.fitted)
 
     def at_rest(self) -> LinearState:
-        """Return the state without any change, its frames refined; made when asked for, as it is large."""
+        """Return the state without any change, its frames refined; computed on each call, as it is large."""
         return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
@@ -115,7 +115,7 @@ class Diagnoser:
 
     @functools.cached_property
     def thresholds(self) -> Thresholds:
-        """Those that hold in this campaign: by chance the best of all effects is worth something."""
+        """Thresholds in this campaign, including the evidence that the best of all effects has by chance."""
         return self._thresholds_in(self.problem_at(self.at_rest()))
 
     def _thresholds_in(self, problem: Problem) -> Thresholds:
@@ -133,14 +133,14 @@ class Diagnoser:
         return self.rows.seen(self.rows.changes(parameters, values), frames)
 
     def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
-        """Return the search's problem linearised at a state for the fitted rows, or with those held out among them.
+        """Return the search's problem linearised at a state, for the fitted rows or with held-out rows included.
 
-        What the state's own changes add to the prediction to first order is given back: they are to be found again.
+        The first-order effect of the state's own changes is added to the residual again, so that they can be found.
         """
         if of_every_row:
             return self._problem(state, state.every_row, self.library)
         problem = self._problem(state, state.linear, self.library)
-        if state.frames is self._frames_at_rest:  # worked out by itself it would linearise all rows once more
+        if state.frames is self._frames_at_rest:  # computed separately it would linearise all rows once more
             vars(self)["_gap_squared"] = float(problem.residual @ problem.residual)
         return replace(problem, given_squared=self._gap_squared)
 
@@ -150,14 +150,14 @@ class Diagnoser:
         return Problem.build(residual, linear.free, workmanship, known_effects(self.rows, linear, library))
 
     def found(self, start: Hypothesis | None = None, at: State | None = None) -> tuple[LinearState, Hypothesis]:
-        """Search, put in what was found, and search again from there until the answer stays.
+        """Search, put in what was found, and search again from there until the answer no longer changes.
 
-        It starts with nothing, or with what was found in other rows of the same campaign; at rest, or at the state that
-        other noise led to. The hypothesis is of the problem of the state returned with it.
+        It starts with nothing, or with what was found in other rows of the same campaign; at rest, or at the state
+        found under another noise. The hypothesis is of the problem of the state returned with it.
 
-        Far from the drawing one cause looks like another there, to first order: where a step bends by a share of the
-        noise, the causes that look best at rest and were not refused are each settled alone, too, and the best of them
-        is followed if it is clearly better.
+        Far from the drawing, one cause may look like another to first order. Where a step differs from its linear
+        prediction by a share of the noise, the causes that look best at rest and were not refused are each settled
+        alone, too, and the search continues from the best of them if it is clearly better.
         """
         likely: list[tuple[str, str]] = []
 
@@ -177,14 +177,14 @@ class Diagnoser:
         return best.state, best.hypothesis
 
     def _followed(self, begin: Callable[[LinearState], Hypothesis], at: State | None = None) -> _Followed:
-        """Put in what a search begins with, and search again from there until the answer stays."""
+        """Put in what a search begins with, and search again from there until the answer no longer changes."""
         state = self._state(at.parameters, at.values, at.frames) if at else self.at_rest()
         hypothesis, bent = begin(state), 0.0
         for _ in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             keys = hypothesis.keys
-            for _ in range(_STEPS):  # here, so that the first states are let go, of many rows large
+            for _ in range(_STEPS):  # here, so that earlier states are freed, which are large
                 state, hypothesis, moved = self._stepped(state, hypothesis)
                 bent = max(bent, moved)
                 if not _SETTLED <= moved < math.inf:
@@ -196,7 +196,7 @@ class Diagnoser:
         return _Followed(*self.settled(state, hypothesis), bent)
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
-        """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
+        """Put in what a hypothesis found until values, scales and frames converge, with its items kept."""
         for _ in range(_MOST_STEPS):
             state, hypothesis, moved = self._stepped(state, hypothesis)
             if not _EXACT <= moved < math.inf:
@@ -204,30 +204,30 @@ class Diagnoser:
         return state, hypothesis.on(self.problem_at(state))
 
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
-        """Put in what a hypothesis found, and settle it there, all other effects left out; say how far it was off."""
+        """Put in what a hypothesis found and settle it there without other effects; also return the linearity error."""
         state, moved = self._advanced(state, hypothesis)
         return state, self._alone_on(state, state.linear, hypothesis).settled(), moved
 
     def _alone_on(self, state: State, linear: LinearRows, hypothesis: Hypothesis) -> Hypothesis:
-        """Return a hypothesis at a state, all other effects left out."""
+        """Return a hypothesis at a state, without all other effects."""
         found = {key: form for key, form in self.library.forms.items() if key in hypothesis.keys}
         return hypothesis.on(self._problem(state, linear, replace(self.library, forms=found)))
 
     def of_every_row(self, state: LinearState, hypothesis: Hypothesis) -> Hypothesis:
-        """Return what was found in the fitted rows with those held out among them, all other effects left out."""
+        """Return a hypothesis of the fitted rows on all rows, held-out ones included, without all other effects."""
         return self._alone_on(state, state.every_row, hypothesis)
 
     def _first(self, state: LinearState, start: Hypothesis | None) -> Hypothesis:
-        """Search at a state that nothing was found at."""
+        """Search at a state where nothing was found yet."""
         problem = self.problem_at(state)
-        if "thresholds" not in vars(self):  # worked out by themselves they would linearise all rows once more
+        if "thresholds" not in vars(self):  # computed separately they would linearise all rows once more
             vars(self)["thresholds"] = self._thresholds_in(problem)
         if start and not start.keys <= {item.key for item in problem.explanations}:
             start = None  # other rows may have no such form: another session, forces that differ by less
         return search(problem, self.thresholds, start.on(problem) if start else None)
 
     def _alone(self, key: tuple[str, str]) -> tuple[State, Hypothesis]:
-        """Return one form alone, settled, and the state it led to."""
+        """Return one form alone, settled, and its state."""
         state, library = self.at_rest(), replace(self.library, forms={key: self.library.forms[key]})
         nothing = Hypothesis.nothing(self._problem(state, state.linear, library))
         (item,) = (item for item in nothing.problem.explanations if item.key == key)
@@ -236,9 +236,9 @@ class Diagnoser:
         return state.alone, single
 
     def parameters_of(self, hypothesis: Hypothesis, covariances: tuple[FloatArray, ...] = ()) -> FoundByKey:
-        """Return every group of a hypothesis that has parameters of the robot: workmanship, then items.
+        """Return the parameters of every group of a hypothesis that are the robot's: workmanship, then items.
 
-        Their standard deviations are as :meth:`covariances` tell them, by default as the hypothesis itself does.
+        Their standard deviations are from ``covariances``, see :meth:`covariances`; by default from the hypothesis.
         """
         (mean, own), found = hypothesis.coefficients(), []
         for key, units in self.units(hypothesis).items():
@@ -248,7 +248,7 @@ class Diagnoser:
         return found
 
     def units(self, hypothesis: Hypothesis) -> dict[tuple[str, str], FloatArray]:
-        """Return what each coefficient of a hypothesis adds to the parameters of each form, (p, k), in their units."""
+        """Return the matrix from a hypothesis's coefficients to the parameters of each form, (p, k), in their units."""
         forms, width, found = self.library.every_form, sum(map(len, hypothesis.weights())), {}
         for group, weights, own in zip(hypothesis.fitted, hypothesis.weights(), hypothesis.spans, strict=True):
             if form := forms.get(group.key):
@@ -260,20 +260,20 @@ class Diagnoser:
     def covariances(
         self, hypothesis: Hypothesis, state: LinearState, *, unexplained: bool = False
     ) -> tuple[FloatArray, ...]:
-        """Return those that tell coefficients of everything fitted, (k, k), of which the larger counts.
+        """Return covariances of all fitted coefficients, (k, k), of which the larger counts.
 
-        At the state that the hypothesis is of. Where it leaves more than noise, that adds how far stretches of time
-        scatter the coefficients (:mod:`pouring_robot.estimation.jackknife`). In each is what the coefficients would be
-        off by where the frames stand elsewhere along directions that nothing tells.
+        At the state of the hypothesis. Where it leaves more than noise (``unexplained``), the second is the scatter of
+        the coefficients over stretches of time (:mod:`pouring_robot.estimation.jackknife`). Each includes the error of
+        the coefficients from frames that are wrong along the directions that are held.
         """
         own = hypothesis.coefficients()[1]
-        told = (own, self._scattered(hypothesis, state)) if unexplained else (own,)
-        seen = [(group.columns[:] * by).T for group, by in zip(hypothesis.fitted, hypothesis.weights(), strict=True)]
-        off = own @ (np.vstack(seen) @ state.linear.held) if seen else own
-        return tuple(covariance + off @ off.T for covariance in told)
+        covariances = (own, self._scattered(hypothesis, state)) if unexplained else (own,)
+        columns = [(group.columns[:] * by).T for group, by in zip(hypothesis.fitted, hypothesis.weights(), strict=True)]
+        off = own @ (np.vstack(columns) @ state.linear.held) if columns else own
+        return tuple(covariance + off @ off.T for covariance in covariances)
 
     def _scattered(self, hypothesis: Hypothesis, state: State) -> FloatArray:
-        """Return the covariance of the coefficients of everything fitted by stretches of time, (k, k)."""
+        """Return the covariance of all fitted coefficients from a jackknife over stretches of time, (k, k)."""
         free, left, row = hypothesis.problem.nuisance, hypothesis.remainder, state.fitted_rows.row
         groups = list(zip(hypothesis.fitted, hypothesis.weights(), strict=True))
         stretches = blocks(self.rows.campaign, "time", np.flatnonzero(~self.fitted))
@@ -288,7 +288,7 @@ class Diagnoser:
         return found[free.dof :, free.dof :]
 
     def named(self, found: FoundByKey, hypothesis: Hypothesis, judgement: Judgement) -> tuple[NamedEffect, ...]:
-        """Return the causes of a judgement with their parameters, found as :meth:`parameters_of` has them."""
+        """Return the causes of a judgement with their parameters, as found by :meth:`parameters_of`."""
         known, effects, named = dict(found), self.library.effects, []
         for cause in judgement.causes:
             parameters = tuple(one for key in cause.keys(hypothesis) for one in known[key])
@@ -297,9 +297,9 @@ class Diagnoser:
         return tuple(named)
 
     def added(self, hypothesis: Hypothesis, effect: str, linear: LinearRows) -> Channel:
-        """Return what an effect at work adds to the whitened prediction to first order, the frames held.
+        """Return the first-order part of an effect in the whitened prediction, with the frames held.
 
-        What varies its size changes that, and not what frames leave of it.
+        A varying size changes this, not what remains of it after the frames are fitted.
         """
         forms = [hypothesis.items[k].key for k in hypothesis.of_effect(effect)]
         found = [one for key, group in self.parameters_of(hypothesis) if key in forms for one in group]
@@ -307,9 +307,10 @@ class Diagnoser:
         return self.rows.moving(effect, changes, linear, sums_of(linear.row, len(self.rows)))
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
-        """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units).
+        """Put in what a hypothesis found; also return the difference from its linear prediction (noise units).
 
-        That is of a whole step, as a square of its share. Where no share of it will do all stays, and it is infinite.
+        A partial step's difference is scaled to the whole step by the square of its share. Where no share of the step
+        is acceptable, the state stays and the difference is infinite.
         """
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]
         parameters, from_here, wanted = _way(state, found)
@@ -325,28 +326,28 @@ class Diagnoser:
             count = len(parameters) if halved else len(found)
             put, values = parameters[:count], (from_here + share * (wanted - from_here))[:count]
             frames = state.frames.moved(share * step)
-            with suppress(DiagnosisError):  # rows that do not close there, or are singular, are asked nearer
+            with suppress(DiagnosisError):  # with rows that do not close or are singular, the step is halved
                 there = self._put_in(put, values, frames)
                 gone = before - self._signature(put, values, linear) - linear.frame_columns @ (share * step)
                 off = there.alone.of(self.fitted).residual - (linear.residual + gone)
-                # A step that is off by more than half of what it moves is outside of what the derivatives say, and one
-                # that gains less than half of what it should may lead back and forth: they are asked nearer.
-                foretold = now + gone
-                reached = foretold + off
-                gains = reached @ reached <= 0.5 * (now @ now + foretold @ foretold)
+                # A step whose error is more than half of its length is beyond the range of the derivatives, and one
+                # that gains less than half of what it should may oscillate: both are halved.
+                predicted = now + gone
+                reached = predicted + off
+                gains = reached @ reached <= 0.5 * (now @ now + predicted @ predicted)
                 if gains or off @ off <= _TRUST * (gone @ gone) + _EXACT**2 * len(off):
-                    # Of a step that is refused nobody wants the derivatives, which take as long as closing it.
+                    # Derivatives take as long as closing the loops, so only for a step that is accepted.
                     new = LinearState(put, values, frames, self.rows.linearised(there), self.fitted)
                     return new, rms(off) / share**2
         return state, math.inf
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
-        """Return what parameters add to the prediction to first order, whitened, (m,)."""
+        """Return the first-order part of parameters in the prediction, whitened, (m,)."""
         return self.rows.signature(local_changes(parameters, values.tolist()), linear)
 
 
 def _way(state: State, found: Sequence[FoundParameter]) -> tuple[tuple[EffectParameter, ...], FloatArray, FloatArray]:
-    """Return parameters and their values, (p,) each, in a state and as found: behind those, what is found no more."""
+    """Return parameters and their values, (p,) each, in a state and as found; last, those no longer found, as zero."""
     left = state.by_parameter
     here = [(one.parameter, left[one.parameter].pop(0) if left.get(one.parameter) else 0.0) for one in found]
     here += [(parameter, value) for parameter, values in left.items() for value in values]
@@ -357,6 +358,6 @@ def _way(state: State, found: Sequence[FoundParameter]) -> tuple[tuple[EffectPar
 
 
 def noise_left(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel:
-    """Return the noise with that of all that was measured taken from what a hypothesis leaves over."""
+    """Return the noise with that of all measured kinds estimated from the residual of a hypothesis."""
     component = after.fitted_rows.component
     return noise.from_left_over(noise.measured, component, hypothesis.remainder, hypothesis.freedom, fewest=0.0)

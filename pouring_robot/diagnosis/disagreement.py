@@ -1,4 +1,4 @@
-"""Where the given model and a campaign disagree: asked of what it leaves over with nothing but its frames fitted."""
+"""Where the given model and a campaign disagree: from its residuals with only the frames fitted."""
 
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.rows import CampaignRows
@@ -15,7 +15,7 @@ def where_of(diagnoser: Diagnoser) -> Where:
 
 
 def free_residuals(before: LinearState, rows: CampaignRows) -> FreeResiduals:
-    """Return what the given model leaves of all rows; raises BadInputError where the frames absorb all of it."""
+    """Return the given model's residuals of all rows; raises BadInputError where the frames absorb all of them."""
     linear = before.every_row
     return FreeResiduals(
         linear.residual,

@@ -1,8 +1,8 @@
 """Gaussian processes of the discrepancy: each place of a robot that something unknown may move, by each condition.
 
 What moves is the measured body, the base, the drives, joints, or the target; conditions are the pose, time and order,
-sessions, the load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how
-fast anything varies with it, the data say.
+sessions, the load, temperatures, travels, the side of approach, and a drive's own value. The data decide which of them
+matters, and how fast anything varies with it.
 """
 
 import functools
@@ -34,7 +34,7 @@ from pouring_robot.mechanism.local_parameters import COMPONENTS
 from pouring_robot.robot.description.drive import Drive
 
 _USUAL = 0.3e-3
-"""Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
+"""Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times this size."""
 _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
 DRIVES, SEEN, TARGET = "drives", "readings", "target"
 CONSTANT = "a constant"
@@ -44,11 +44,11 @@ OTHERS = "other drives"
 _MOST_BY_CHANCE = 600
 PoseLengths = dict[str, tuple[float, int]]
 """Length scales over the standardised pose, in words, each with the largest number of its columns."""
-# Length scales, all of them in a table: docs/inference.md, "One discrepancy". Of several each is as likely.
+# Length scales, in a table in docs/inference.md, "One discrepancy". Where there are several they are equally probable.
 _POSE_LENGTHS: PoseLengths = {"widely": (1.2, 50), "finely": (0.6, 80)}
 _COMPONENT_LENGTHS: PoseLengths = {"": (1.2, 40)}
 _REGION_LENGTH, _REGION_MOST = 1.5, 12
-_NUMBER_LENGTH, _KIND_LENGTH = 1.0, 2.0  # over standardised values: of one, of all thermometers of a kind
+_NUMBER_LENGTH, _KIND_LENGTH = 1.0, 2.0  # of standardised values: one number; all thermometers of a kind
 _OTHERS_MOST = 8
 _SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
 _TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
@@ -65,7 +65,7 @@ class Places:
     """What can move in a campaign's rows."""
 
     given: Conditions  # the conditions of the rows
-    drives: tuple[Channel, ...]  # a channel a drive
+    drives: tuple[Channel, ...]  # one channel for each drive
     seen: tuple[Channel, ...]  # the components of the measured body, in the axes of the base
 
     @classmethod
@@ -78,9 +78,9 @@ class Places:
         axes: FloatArray,
         drives: Sequence[Channel],
     ) -> Self:
-        """Return them from m equations, each with its row, component and noise, (m,) each, in m or rad.
+        """Return the places from m equations, each with its row, component and noise, (m,) each, in m or rad.
 
-        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` what a m or rad of each does.
+        ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` the channels of a m or rad of each.
         """
         sums, seen = sums_of(row, len(given)), []
         for k in shown(component):
@@ -91,7 +91,7 @@ class Places:
 
 
 def shown(component: Indices) -> tuple[int, ...]:
-    """Return the components measured; of a place or a rotation all three, as they are turned into other axes."""
+    """Return the measured components; all three of a position or a rotation, as they are rotated into other axes."""
     seen = set(np.unique(component).tolist())
     groups = {k // 3 if k < 6 else k for k in seen}
     return tuple(k for k in range(max(seen) + 3) if (k // 3 if k < 6 else k) in groups)
@@ -100,15 +100,15 @@ def shown(component: Indices) -> tuple[int, ...]:
 def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, chance: bool = True) -> Iterator[Process]:
     """Yield the processes that a campaign's conditions allow, and that its measurements can show at all.
 
-    ``axes`` are those of the base in the tracker's frame, (3, 3); ``chance`` says whether what differs from row to row
-    by chance counts as something unknown. Where the noise is not stated it is noise, of the robot if not of the device.
+    ``axes`` are those of the base in the tracker's frame, (3, 3); ``chance`` is whether independent errors in every row
+    count as something unknown. Where the noise is not stated they are noise, of the robot if not of the device.
     """
     given = rows.conditions
     sums, unit = sums_of(linear.row, len(given)), np.ones(len(given))
     drives = rows.moving_drives(linear, sums)
     places = Places.of(given, linear.row, linear.component, linear.sigma, axes, drives)
     inside = functools.cache(lambda name: Channel(name, rows.channel(name, linear), sums))
-    # What differs from row to row moves both ends of a reading, each by its own row.
+    # What differs from row to row moves both ends of a reading, each as in its own row.
     moving = functools.cache(lambda name: rows.moving(name, {name: unit}, linear, sums))
     base = [moving(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
@@ -135,8 +135,8 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
 def disagreements_of(places: Places) -> Iterator[Process]:
     """Yield how each component of the measured body may be off, in the axes of the base, and what one drive can do.
 
-    Each is a process of its own, so that what one component shows is not diluted by the others. A drive's own value
-    counts on scales that are short against its stroke: the rest is a matter of pose.
+    Each is a process of its own, so that what one component shows is not diluted by the others. A drive depends on its
+    own value at length scales that are short against its stroke: slower changes depend on the pose.
     """
     given, found = places.given, []
     pose = _of_pose(given, _COMPONENT_LENGTHS)
@@ -161,12 +161,12 @@ def disagreements_of(places: Places) -> Iterator[Process]:
 
 
 def _without_mean(course: FloatArray) -> FloatArray:
-    """Return what a condition changes, (n, k), beside a constant that has a process of its own."""
+    """Return a course without its mean, (n, k), as a constant has a process of its own."""
     return np.asarray(course - course.mean(axis=0))
 
 
 def varied(effect: Channel, given: Conditions) -> Iterator[Process]:
-    """Yield how the size of what an effect adds to the whitened prediction may vary with each condition."""
+    """Yield how the size of an effect's part of the whitened prediction may vary with each condition."""
     for by, lengths in (*_of_one_condition(given), *_of_pose(given, _POSE_LENGTHS)):
         sizes = {words: Part(effect, course).rms for words, course in lengths.items()}
         varying = {words: _VARIED / size * lengths[words] for words, size in sizes.items() if size > 0.0}
@@ -175,24 +175,24 @@ def varied(effect: Channel, given: Conditions) -> Iterator[Process]:
 
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:
-    """Return the process that a place is off in every row by itself."""
+    """Return the process that a place has an independent error in every row."""
     course = _USUAL * row_by_row(count, _MOST_BY_CHANCE // len(channels))
     return Process(where, CHANCE, {"": tuple(Part(channel, course) for channel in channels)})
 
 
 def _moved(where: str, by: str, channels: Iterable[Channel], lengths: Lengths) -> Process:
-    """Return the process that all channels follow a condition, each in its own way."""
+    """Return the process that all channels follow a condition, each independently."""
     return Process(where, by, {words: tuple(Part(c, course) for c in channels) for words, course in lengths.items()})
 
 
 def _of_one_condition(given: Conditions) -> Iterator[tuple[str, Lengths]]:
-    """Yield what may depend on one condition, in its usual size."""
+    """Yield each condition with courses of the usual size."""
     for by, course in _courses(given):
         yield by, {"": _USUAL * course}
 
 
 def _of_cycles(given: Conditions) -> Iterator[tuple[str, Lengths]]:
-    """Yield what may come and go with time, by its period."""
+    """Yield waves in time, by their periods."""
     waves = cycling(given.time_s) if given.time_known else {}
     if waves:
         yield CYCLES, {_between(*periods): _USUAL * wave for periods, wave in waves.items()}
@@ -224,17 +224,17 @@ def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
 
 
 def _changing(given: Conditions, names: Iterable[str]) -> dict[str, FloatArray]:
-    """Return conditions (n,) by their names in sentences, without those that stand still: nothing depends on these."""
+    """Return conditions (n,) by their names in sentences, without constant ones: nothing can depend on these."""
     return {by: values for by, values in in_words(given, names).items() if np.ptp(values) > 0.0}
 
 
 def poses(given: Conditions) -> FloatArray:
-    """Return standardised x, y, z and what of the end body's turn varies, (n, 3 to 6)."""
+    """Return standardised x, y, z and varying rotation components of the end body, (n, 3 to 6)."""
     return standardised(np.hstack([given.position_m, given.turn_rad]))
 
 
 def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Lengths]]:
-    """Yield what may depend on the pose, and what a condition does differently in different poses."""
+    """Yield courses of the pose, and of the pose times a condition, whose effect may differ by pose."""
     pose = poses(given)
     lengths = {words: _USUAL * smooth(pose, length, most=most) for words, (length, most) in scales.items()}
     yield "pose", lengths
@@ -247,7 +247,7 @@ def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Leng
 
 
 def _of_own_value(places: Places) -> Iterator[Process]:
-    """Yield what each drive may do by its own value: smoothly on any scale, sag by length and lean."""
+    """Yield how each drive may depend on its own value: smoothly on any scale; sag by length and lean."""
     given, of_drive = places.given, dict(zip(places.given.robot.drives, places.drives, strict=True))
     for group, drives in given.robot.groups.items():
         name, slides = given.causes.words.groups.get(group, group), drives[0].unit == "m"
@@ -258,15 +258,15 @@ def _of_own_value(places: Places) -> Iterator[Process]:
 
 
 def _may_be_coupled(given: Conditions) -> bool:
-    """Return whether drives may go along with each other: shafts, belts and rods lead past joints of open chains.
+    """Return whether drives may be coupled: shafts, belts and rods lead past joints of open chains.
 
-    Drives of loops set a pose together, which says as much.
+    Drives of closed loops set the pose together, so that a process of the pose covers this.
     """
     return bool(np.count_nonzero(np.ptp(given.drives, axis=0)) > 1) and not given.robot.loops.loops
 
 
 def _of_other_drives(places: Places) -> Iterator[Process]:
-    """Yield that each drive goes along with all others, in proportion or by any smooth function of each."""
+    """Yield the process that each drive follows all others, in proportion or by any smooth function of each."""
     if not _may_be_coupled(places.given):
         return
     values = standardised(places.given.drives).T
@@ -286,7 +286,7 @@ def _of_other_drives(places: Places) -> Iterator[Process]:
 
 
 def _varying(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: bool, *, short: bool = False) -> Process:
-    """Return the process that each channel follows its own values (n,), smoothly on any scale (or short ones)."""
+    """Return the process that each channel is a smooth function of its own values (n,), on any (or short) scale."""
     lengths, unit = (_SLIDE_LENGTHS_M, "mm") if slides else (_TURN_LENGTHS_RAD, "mrad")
     scales = {
         f"{1e3 * s:g} {unit}": tuple(Part(c, _USUAL * smooth(v, s, most=70)) for c, v in values)
@@ -298,7 +298,7 @@ def _varying(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: b
 def _by_lean(
     given: Conditions, name: str, drives: Sequence[Drive], of_drive: Mapping[Drive, Channel]
 ) -> Iterator[Process]:
-    """Yield what slides that swing may do by their length and how far they lean."""
+    """Yield how swinging slides may depend on their length and lean."""
     if given.swing_rad is None:
         return
     swinging = [
@@ -315,7 +315,7 @@ def _by_lean(
 
 
 def _as_general(given: Conditions, drives: Sequence[Drive]) -> frozenset[str]:
-    """Return the effects that may be any function of the drives' own values."""
+    """Return the effects that can be any function of the drives' own values."""
     general = (e.id for e in given.causes.entries if e.options.get("all_main"))
     return _of_families(given, {"periodic"}, [drive.joint for drive in drives]) & frozenset(general)
 
@@ -327,7 +327,7 @@ def _tilt(inside: Inside, parameter: EffectParameter) -> Channel:
 
 
 def _constant(inside: Inside, places: Places) -> Iterator[Process]:
-    """Yield what stands off by a constant: drives, places of joints, axes."""
+    """Yield constant errors: of drives, joint positions, axes."""
     given, placements = places.given, places.given.causes.placements
 
     def still(where: str, channels: Iterable[Channel], said_by: frozenset[str]) -> Process:
@@ -357,13 +357,13 @@ def _constant(inside: Inside, places: Places) -> Iterator[Process]:
 
 
 def _of_families(given: Conditions, families: Collection[str], drives: Collection[str] = ()) -> frozenset[str]:
-    """Return the effects of some families that act on drives, by their joints; by default on anything."""
+    """Return the effects of some families that act on drives, given by their joints; by default on anything."""
     entries = (e for e in given.causes.entries if e.family in families)
     return frozenset(entry.id for entry in entries if {*drives} <= {*entry.options.get("drives", ())})
 
 
 def _joints(inside: Inside, given: Conditions) -> Iterator[Process]:
-    """Yield joints that stand elsewhere by time, load or temperature."""
+    """Yield how joint centres may move with time, load or temperature."""
     found = place_parameters(given)
     centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]
     if given.time_known:

@@ -24,29 +24,29 @@ from pouring_robot.robot.model import RobotModel
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Findings:
-    """What was found."""
+    """Results of the search."""
 
     campaign: Campaign  # all rows of the file
     model: RobotModel  # the given model
-    rows: CampaignRows  # the inliers against it
+    rows: CampaignRows  # the inliers, predicted with it
     inliers: Indices  # index in the campaign of each of them, (n,)
     left_out: Indices  # rows left out as gross errors or copies, by index in the campaign
     flags: tuple[DataFlag, ...]  # what the checks found in the data
-    # of the measurements, as it is told; where what is left scatters like a larger one, that is the one of the rows
+    # of the measurements, as stated or estimated; where the residual scatters like a larger noise, ``rows`` has that
     noise: NoiseLevel
     fitted: BoolArray  # which inliers were fitted, (n,); the others are held out
     held_out_name: str  # which block is held out, in words; empty where there are too few rows to hold any out
     diagnoser: Diagnoser  # the search
     before: State  # the given model, only its frames fitted
     after: State  # the amended model
-    hypothesis: Hypothesis  # what explains best
+    hypothesis: Hypothesis  # the best explanation
     judgement: Judgement  # what may be said of it
-    # why the answer is unknown whatever explains best: what is left is too large for noise, what was found is no
-    # credible robot, or single ones of few rows may be wrong; "" where none is
+    # why the answer is unknown whatever explains best: the residual is too large for noise, what was found is no
+    # credible robot, or single rows of few may be wrong; "" where none applies
     misfit: str
-    covariances: tuple[FloatArray, ...]  # that tell how well the coefficients of everything fitted are known
+    covariances: tuple[FloatArray, ...]  # of all fitted coefficients; the larger counts
     parameters: FoundByKey  # of everything fitted
-    effects: tuple[NamedEffect, ...]  # the named effects with theirs
+    effects: tuple[NamedEffect, ...]  # the named effects with their parameters
     untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks
     train: Gap  # gap of the fitted rows
     held_out: Gap | None  # gap of the held-out rows; None where there are none
@@ -62,23 +62,23 @@ class Findings:
 
     @property
     def overfitted(self) -> bool:
-        """Whether what was fitted takes the model further from the held-out rows."""
+        """Whether the amended model has larger errors in held-out rows than the given one."""
         gaps = self.held_out, self.in_turn.gap if self.in_turn else None
         return any(gap is not None and gap.worse for gap in gaps)
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:
-        """Effects that no description explains nearly as well, where something is unknown."""
+        """Effects that cannot merely stand in for something unknown: no description explains nearly as well."""
         return tuple(e for e in self.effects if not e.nearest)
 
     @property
     def nearest(self) -> tuple[NamedEffect, ...]:
-        """Effects that may only stand in for something unknown: a description explains nearly as well, or better."""
+        """Effects that may only stand in for something unknown: a description explains as well, nearly or better."""
         return tuple(e for e in self.effects if e.nearest)
 
     @functools.cached_property
     def noise_left(self) -> NoiseLevel | None:
-        """The noise as which what is left scatters from row to row; None where it does not, or is as stated."""
+        """The larger noise as which the residual scatters from row to row; None where it does not scatter so."""
         if not self.judgement.scatters:
             return None
         left = noise_left(self.rows.noise, self.after, self.hypothesis)
@@ -86,30 +86,30 @@ class Findings:
 
     @property
     def noisy(self) -> Kind | None:
-        """The kind of which alone the noise looks larger; None where it is that of all, or none."""
+        """The only kind whose noise looks larger; None where that of all kinds does, or none."""
         larger = self.judgement.larger_noise
         return None if larger is None or larger.kind is None else KINDS[larger.kind]
 
     @property
     def mostly_workmanship(self) -> bool:
-        """Whether workmanship that is named nowhere makes more of the gap than any named cause does."""
+        """Whether unnamed workmanship makes more of the gap than any named cause does."""
         squared = self.hypothesis.workmanship_squared_size / len(self.hypothesis.problem.residual)
         smaller = (cause.indices and cause.size**2 < squared for cause in self.judgement.causes)
         return self.judgement.names and all(smaller)
 
     @property
     def spare(self) -> dict[str, float]:
-        """What each effect that was tried and is in no sentence yet would be worth beside what was found, in nats."""
+        """Log evidence that each effect neither found nor an alternative nor minor would add, in nats."""
         problem, judgement = self.hypothesis.problem, self.judgement
         shown = {item.effect for item in problem.explanations if problem.shown(item)}
-        told = {*judgement.minor, *(name for c in judgement.causes for name in (c.effect, *c.alternatives))}
-        best = self.hypothesis.best_forms((self.hypothesis.rivals & shown) - told)
+        mentioned = {*judgement.minor, *(name for c in judgement.causes for name in (c.effect, *c.alternatives))}
+        best = self.hypothesis.best_forms((self.hypothesis.rivals & shown) - mentioned)
         return {effect: worth.evidence for effect, (worth, _) in best.items()}
 
     def parameters_of(self, effect: NamedEffect) -> list[tuple[str, FoundParameter]]:
-        """Return the parameters of an effect by name, with the form where it takes two with a parameter each.
+        """Return the parameters of an effect by name, with the form where two forms have one of the same name.
 
-        A parameter that two forms share stands once, its values added up.
+        A parameter that two forms share is listed once, with the sum of its values.
         """
         places: dict[EffectParameter, list[int]] = {}
         for k, found in enumerate(effect.parameters):
@@ -126,13 +126,13 @@ class Findings:
         return [(p.name + of.get(p, ""), found) for p, found in once.items()]
 
     def units_of(self, effect: NamedEffect) -> FloatArray:
-        """Return what each coefficient of the hypothesis adds to an effect's parameters, (p, k), in their units."""
+        """Return the matrix from the hypothesis's coefficients to an effect's parameters, (p, k), in their units."""
         units = self.diagnoser.units(self.hypothesis)
         return np.vstack([units[key] for key in effect.cause.keys(self.hypothesis)])
 
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:
-        """Return what the parameters of an effect say together, a sentence each."""
+        """Return what the parameters of an effect mean together, a sentence each."""
         found = self.parameters_of(effect)
         values, halves = ({name: getattr(p, which) for name, p in found} for which in ("value", "half_width"))
-        stds = {name: half / Z95 for name, half in halves.items()}  # of normal values, which it tells them as
+        stds = {name: half / Z95 for name, half in halves.items()}  # the sentences take normal values
         return self.diagnoser.library.effects[effect.cause.effect].in_words(values, stds)

@@ -11,20 +11,20 @@ from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
 _WORSE = 1.05
-"""A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
+"""A held-out error this many times that before is worse; less is chance: the RMS of 60 coordinates scatters by 9 %."""
 
-_NOISE, _HALF = 1.5, 0.5  # times the noise, below which what is left may be noise; share of the gap
+_NOISE, _HALF = 1.5, 0.5  # times the noise, below which the residual may be noise; share of the gap
 
 
 def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
-    """Return what is whitened, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
+    """Return whitened values, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
     table = np.full((rows, max(6, int(seen.component.max()) + 1)), np.nan)
     table[seen.row, seen.component] = whitened * seen.sigma
     return table
 
 
 def in_base(table: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return a table (n, K) in the tracker's axes turned into those of the base, (3, 3); NaN where one is missing."""
+    """Return a table (n, K) in the tracker's axes rotated into those of the base, (3, 3); NaN where one is missing."""
     return np.hstack([table[:, :3] @ axes, table[:, 3:6] @ axes, table[:, 6:]])
 
 
@@ -33,7 +33,7 @@ class Gap:
     """Root mean squares of the residual of some rows, per component; NaN where nothing was measured."""
 
     rows: int  # number of rows
-    before: FloatArray  # with the given model and its frames fitted, shape (K,), in m and rad
+    before: FloatArray  # with the given model, only the frames fitted, shape (K,), in m and rad
     after: FloatArray  # with the amended model, shape (K,), in m and rad
     floor: FloatArray  # the noise, shape (K,), in m and rad
     counts: Indices  # number of values, shape (K,)
@@ -48,7 +48,7 @@ class Gap:
 
     @property
     def seen(self) -> Indices:
-        """The components of which something was measured."""
+        """The measured components."""
         return np.flatnonzero(self.counts)
 
     def position(self, which: str) -> float:
@@ -67,24 +67,24 @@ class Gap:
 
     @property
     def length(self) -> str:
-        """What one value of :meth:`position` is of, in a word."""
+        """What one value of :meth:`position` is, in a word."""
         lengths = [kind for kind in kinds_of(self.seen) if kind in LENGTHS]
         return {"position": "coordinate"}.get(lengths[0], lengths[0]) if len(lengths) == 1 else "length"
 
     @property
     def closed(self) -> float:
-        """Return how much of the position's gap is gone: (before - after) / (before - floor); NaN without a gap."""
+        """Share of the gap in position that is closed: (before - after) / (before - floor); NaN without a gap."""
         return share_closed(*(self.position(which) for which in ("before", "after", "floor")))
 
     @property
     def worse(self) -> bool:
-        """Whether the amended model misses more than the given one: all values together, each over its noise."""
+        """Whether the amended model has larger errors than the given one: all values together, each over its noise."""
         before, after = self._in_noise
         return after > _WORSE * before
 
     @property
     def kept(self) -> bool:
-        """Whether more than half of the gap, in squares, is left, and more than noise: all values over their noise."""
+        """Whether more than noise and more than half of the gap, in squares, is left: all values over their noise."""
         before, after = self._in_noise
         return after > _NOISE and after**2 - 1.0 > _HALF * (before**2 - 1.0)
 
@@ -106,7 +106,7 @@ class Gap:
 
 
 def share_closed(before: float, after: float, floor: float) -> float:
-    """Return how much of a gap is gone: (before - after) / (before - floor); NaN without a gap."""
+    """Return the share of a gap that is closed: (before - after) / (before - floor); NaN without a gap."""
     return (before - after) / (before - floor) if before > floor else float("nan")
 
 

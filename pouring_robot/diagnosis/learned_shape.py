@@ -1,4 +1,4 @@
-"""What data say of the form of a cause: its curve over what drives it, with a band, beside the textbook's."""
+"""The shape of a cause as learned from the data: its curve over what drives it, with a band, against the textbook's."""
 
 from dataclasses import dataclass
 
@@ -17,23 +17,23 @@ from pouring_robot.mechanism.local_parameters import component_unit
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What an effect does to one local parameter in each row."""
+    """An effect's change of one local parameter in each row."""
 
     channel: str  # name of the local parameter
-    unit: str  # that the figures count in
+    unit: str  # of the values
     axis: Axis  # what drives the effect
-    learned: FloatArray  # with all that shapes it, (n,)
+    learned: FloatArray  # with all shaping parameters, (n,)
     std: FloatArray  # standard deviation of that, (n,)
     textbook: FloatArray  # by its main parameters alone, (n,)
 
 
 def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
-    """Return what an effect moves most; None where no more than chance shapes it: it is the textbook's."""
+    """Return the shape of what an effect moves most; None where it is the textbook's up to chance."""
     parameters = [found.parameter for found in effect.parameters]
     if all(p.main for p in parameters) or not effect.cause.indices:
         return None
     values = np.array([found.value for found in effect.parameters])
-    # What one unit of each parameter does to a local parameter, (n, p).
+    # Change of a local parameter by one unit of each parameter, (n, p).
     moves = {
         name: np.column_stack(np.broadcast_arrays(*(p.changes.get(name, 0.0) for p in parameters)))
         for name in dict.fromkeys(name for p in parameters for name in p.changes)
@@ -50,7 +50,7 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
 
 
 def _driving_axis(diagnosis: Conclusions, effect: NamedEffect, name: str) -> Axis:
-    """Return what drives an effect: the drive's own value where drives' values do."""
+    """Return what drives an effect: the drive's own value if drives' values do."""
     given = diagnosis.rows.conditions
     known = diagnosis.diagnoser.library.effects[effect.cause.effect]
     drives = [channel(drive) for drive in given.robot.drives]
@@ -61,7 +61,7 @@ def _driving_axis(diagnosis: Conclusions, effect: NamedEffect, name: str) -> Axi
 
 
 def _unit(diagnosis: Conclusions, name: str) -> tuple[str, float]:
-    """Return the unit that a local parameter is shown in, and its size in SI units."""
+    """Return the unit in which a local parameter is shown, and its size in SI units."""
     if name == SCALE:
         return "1e-6", 1e-6
     units = {channel(drive): drive.unit for drive in diagnosis.rows.conditions.robot.drives}

@@ -1,4 +1,4 @@
-"""A campaign as a problem for the search: signatures of all effects at the present state of the robot."""
+"""A campaign as a problem for the search: signatures of all effects at the current state of the robot."""
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -12,18 +12,18 @@ from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.inference.problem import WORKMANSHIP_FORM, Explanation, Workmanship
 
-SOFTNESS = "background_softness"  # what is called no effect but fitted: see :func:`_softness`
+SOFTNESS = "background_softness"  # fitted but not an effect: see :func:`_softness`
 
 
 @dataclass(frozen=True, eq=False)
 class Library:
     """What a campaign can be searched for."""
 
-    effects: Mapping[str, Effect]  # all there are, by id
+    effects: Mapping[str, Effect]  # all effects, by id
     # of the effects that may be named and that the campaign can test, by effect and form
     forms: Mapping[tuple[str, str], Form]
-    workmanship: Mapping[str, Form]  # its kinds, by the effect that each is called when it is all there is
-    made_within: float | None = None  # what workmanship is known not to exceed, in the units of its parameters
+    workmanship: Mapping[str, Form]  # its kinds, by the effect as which each is named if nothing else is found
+    made_within: float | None = None  # known upper limit of workmanship, in the units of its parameters
 
     @classmethod
     def of(
@@ -35,10 +35,10 @@ class Library:
     ) -> Self:
         """Return the library for a campaign, of effects that may be named, by id.
 
-        Forms that are ``kept``, by effect and form, are there even if others make the same in these rows.
+        Forms in ``kept``, by effect and form, are included even if others do the same in these rows.
 
         Raises:
-            BadInputError: an effect of a package does not do as :class:`~pouring_robot.effects.base.Effect` says.
+            BadInputError: an effect of a package violates the interface :class:`~pouring_robot.effects.base.Effect`.
         """
         given, channels = rows.conditions, rows.channels
         forms = {
@@ -59,9 +59,9 @@ class Library:
 
 
 def _distinct(effect: str, forms: Iterable[Form], kept: Collection[tuple[str, str]]) -> Iterator[Form]:
-    """Yield forms without those values of a constant, but for some, that make in these rows what another form makes.
+    """Yield forms without values of a constant that do in these rows what another form does, except those kept.
 
-    Free play that no force presses is plain play, whatever it would take to press it.
+    Free play that no force takes up is plain play, whatever force would take it up.
     """
     known = set[tuple[bytes, ...]]()
     for form in forms:
@@ -80,10 +80,10 @@ def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> 
 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
-    """Yield what may be found, and what weight makes of soft joints, with their columns in all equations."""
+    """Yield what may be found, and the deflection of compliant joints, with their columns in all equations."""
     if rows.conditions.joint_moments and rows.conditions.robot.loops.loops:
         yield _softness(rows, linear)
-    # Of what the model has already there may be less: bounds are of whole effects.
+    # Bounds hold for whole effects; a part that the model has already may have to become smaller.
     whole = not rows.model.effects and rows.model.heat is None
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
@@ -94,9 +94,9 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
 
 
 def _softness(rows: CampaignRows, linear: LinearRows) -> Explanation:
-    """Return what weight makes of joints that turn where they should not, all alike.
+    """Return the deflection of joints under weight, with one compliance for all.
 
-    The unit is the stiffness that the loops are taken to have: as it is assumed, the joints' own is found.
+    Its unit is the assumed stiffness of the loops; the joints' own is estimated relative to it.
     """
     _, stiffness = rows.conditions.robot.mechanism().loops.stiffness_si
     moments = rows.conditions.joint_moments or {}

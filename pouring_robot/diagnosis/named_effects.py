@@ -15,15 +15,15 @@ class FoundParameter(Estimate):
     parameter: EffectParameter  # what it changes
     value: float  # in its unit
     std: float  # standard deviation, in its unit
-    dof: float = math.inf  # degrees of freedom that tell it
+    dof: float = math.inf  # degrees of freedom of the standard deviation
 
 
 FoundByKey = list[tuple[tuple[str, str], tuple[FoundParameter, ...]]]  # parameters by effect and form
 
 
 def sure_text(probability: float) -> str:
-    """Return a probability in percent, from 99 % on with a decimal: a lower rate of false names adds no more."""
-    # Rounded first: a share a hair below the most that may be said (1 - RATE) is that, not a percent less.
+    """Return a probability in percent, from 99 % on with a decimal."""
+    # Rounded first, so that a probability just below the largest possible (1 - RATE) is shown as that.
     step = 10 if probability >= 0.99 else 100
     shown = round(1e4 * probability) // step * step / 100
     return "more than 99.9 % sure" if probability > 0.999 else f"{shown:g} % sure"
@@ -34,7 +34,7 @@ class NamedEffect:
     """A named effect with its parameters."""
 
     cause: Cause  # what may be said of it
-    nearest: bool  # whether it may only stand in for something unknown; its probability says nothing then
+    nearest: bool  # whether it may only stand in for something unknown; its probability is meaningless then
     story: str  # one line for people
     parameters: tuple[FoundParameter, ...]  # main ones first
 

@@ -1,4 +1,4 @@
-"""What a campaign that saw part of a turn leaves open of an error that is said to return with every turn of a joint."""
+"""What a campaign over part of a turn leaves uncertain about an error that is periodic in a joint's turn."""
 
 from collections import Counter
 
@@ -12,16 +12,16 @@ from pouring_robot.inference.problem import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 _TELLS_ORDERS_DEG = 270.0
-"""Over less of a turn waves of neighbouring orders go along by three tenths or more: sin x over x of half the arc."""
+"""Over a smaller arc, waves of neighbouring orders correlate by three tenths or more: sin x over x of half the arc."""
 _SMOOTH = 3
-"""Degree of a smooth curve: a zero, a ratio, and of either phase of a wave its first term beyond these."""
+"""Degree of a smooth curve: a zero, a ratio, and for either phase of a wave its first term beyond these."""
 
 
 def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
-    """Return what makes waves of joints' turns less certain than they look, a sentence each.
+    """Return what makes waves in joints' turns less certain than they look, a sentence each.
 
     Joints turned so little that one order does what another does, or that a smooth curve of the angle does what was
-    found: what is seen of it (:attr:`~pouring_robot.inference.thresholds.Thresholds.hidden`) is hidden beside that.
+    found: with such a curve the wave is hidden (:attr:`~pouring_robot.inference.thresholds.Thresholds.hidden`).
     """
     given, hidden = diagnosis.rows.conditions, diagnosis.diagnoser.asked.hidden
     if not diagnosis.diagnoser.library.effects[effect.cause.effect].of_turn:
@@ -36,24 +36,24 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
             steps = (angles - angles.mean()) / (np.ptp(angles) or 1.0)
             courses = [curves[name], *(steps**k for k in range(_SMOOTH + 1))]
             parts = [frames.cleared(diagnosis.rows.signature({name: course}, linear)) for course in courses]
-            seen, beside = _shown(*parts)
+            whole, left = _squares(*parts)
             orders += [f"{drive.words} {turned:.0f}°"] if turned < _TELLS_ORDERS_DEG and terms[name] > 2 else []
-            smooth += [f"{drive.words} {turned:.0f}°"] if beside <= hidden < seen else []
-    told = {
+            smooth += [f"{drive.words} {turned:.0f}°"] if left <= hidden < whole else []
+    sentences = {
         "turned little, so that orders stand for each other": orders,
         "in these poses a smooth error that returns with no turn, as of a part that bends, does the same": smooth,
     }
-    return tuple(f"{said}: {', '.join(joints)}" for said, joints in told.items() if joints)
+    return tuple(f"{said}: {', '.join(joints)}" for said, joints in sentences.items() if joints)
 
 
 def turned_deg(angles: FloatArray) -> float:
-    """Return how much of a turn angles (n,), in rad, span, in degrees: all but the widest gap."""
+    """Return the part of a turn that angles (n,), in rad, span, in degrees: all but the widest gap."""
     seen = np.unique(angles % (2.0 * np.pi))
     return 360.0 - float(np.degrees(np.diff(seen, append=seen[0] + 2.0 * np.pi).max()))
 
 
-def _shown(part: FloatArray, *terms: FloatArray) -> tuple[float, float]:
-    """Return the sum of squares of a part (m,), and of what some terms (m,) leave of it."""
+def _squares(part: FloatArray, *terms: FloatArray) -> tuple[float, float]:
+    """Return the sum of squares of a part (m,), and of its residual after a fit of some terms (m,)."""
     smooth = np.column_stack(terms)
-    beside = part - smooth @ np.linalg.lstsq(smooth, part, rcond=None)[0]
-    return float(part @ part), float(beside @ beside)
+    left = part - smooth @ np.linalg.lstsq(smooth, part, rcond=None)[0]
+    return float(part @ part), float(left @ left)

@@ -1,4 +1,4 @@
-"""What is left after the best known effects, row by row: a description, not a cause."""
+"""What the best known effects leave unexplained, row by row: a description, not a cause."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,26 +23,26 @@ class Remainder:
 
     structure: Summand  # as the search found it
     size: float  # root mean square of what would be left without it, in noise standard deviations
-    missed: FloatArray  # that of each row, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
+    missed: FloatArray  # the same for each row, (n, K) in the tracker's axes, in m and rad; NaN elsewhere
     worst: int  # the component in which it is largest
     # the line of the file after which it jumps, in order of time; None where it is no step
     step_after: int | None
-    step: float  # by how much it jumps there, in m or rad
+    step: float  # size of that jump, in m or rad
 
     @classmethod
     def of(cls, diagnosis: Findings, structure: Summand) -> Self:
-        """Look at a structure row by row."""
+        """Return the remainder of a structure, row by row."""
         rows, fitted = len(diagnosis.rows), diagnosis.after.fitted_rows
         missed, parts = (table_of(fitted, values, rows) for values in (structure.missed, structure.part))
         in_noise = missed / diagnosis.rows.measured.sigma[: missed.shape[1]]
         worst = int(np.nanargmax([rms(column) for column in in_noise.T]))
-        # What the others would take up of a step is no step any more.
+        # The whole part, as the others would distort a step by absorbing some of it.
         step = _step(diagnosis, parts[:, worst]) if structure.process.by in _IN_TIME else (None, math.nan)
         return cls(structure, rms(structure.missed), missed, worst, *step)
 
     @property
     def component(self) -> str:
-        """That component by name."""
+        """Name of the component in which it is largest."""
         return component_name(self.worst)
 
     @property
@@ -53,12 +53,12 @@ class Remainder:
 
     @property
     def slipped(self) -> bool:
-        """Whether it is the target that sits elsewhere than before."""
+        """Whether it is the target that moved."""
         return self.structure.process.where == TARGET
 
     @property
     def sentence(self) -> str:
-        """It in words."""
+        """The remainder in words."""
         unit, scale = component_shown_in(self.worst)
         words, axis = replace(self.structure.process, by=self.by).words, "the tracker's " if self.worst < 6 else ""
         text = (

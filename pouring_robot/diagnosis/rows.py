@@ -1,9 +1,9 @@
-"""Rows of a campaign as the robot predicts them, with local parameters changed row by row; linearised anywhere.
+"""Rows of a campaign as the robot predicts them, with local parameters changed row by row; linearised at any state.
 
     seen_i = T_tracker_base ∘ D(base_i) ∘ X(drives + dq_i, placements ∘ D(e_i)) ∘ T_end_target
 
-X closes the loops exactly; positions then count (1 + scale_i) times, about the tracker's own origin. The columns of an
-effect are the product of the Jacobian by local parameters with the changes that one unit of each parameter makes.
+X closes the loops exactly; positions are then multiplied by (1 + scale_i), about the tracker's own origin. The columns
+of an effect are the Jacobian by local parameters times the changes that one unit of each parameter makes.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
 
 
 def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
-    """Return the names of all that effects may change: local parameters, the base, the device's scale."""
+    """Return the names of what effects may change: local parameters, the base, the device's scale."""
     return frozenset((*(p.name for p in inside), *(f"base.{component}" for component in COMPONENTS), SCALE))
 
 
 @dataclass(frozen=True, eq=False)
 class OuterAndSessionFrames(OuterFrames):
-    """The two frames, and where sessions that have frames of their own see the base beside them."""
+    """The two frames, and the displacement of the base in sessions that have frames of their own."""
 
     sessions: FloatArray  # displacement of the base for each session but the largest, (6 s,), in m and rad
 
     def moved(self, values: FloatArray) -> OuterAndSessionFrames:
-        """Return them displaced by the twelve unknowns, then six a session, (12 + 6 s,), in m and rad."""
+        """Return them displaced by the twelve unknowns, then six for each session, (12 + 6 s,), in m and rad."""
         outer = super().moved(values[:FRAMES])
         return OuterAndSessionFrames(outer.T_tracker_base, outer.T_end_target, self.sessions + values[FRAMES:])
 
@@ -67,7 +67,7 @@ class OuterAndSessionFrames(OuterFrames):
 class WhitenedRows:
     """Residuals at one state."""
 
-    residual: FloatArray  # measured minus predicted over the noise, shape (m,)
+    residual: FloatArray  # measured minus predicted, divided by the noise, shape (m,)
     row: Indices  # row of each equation, (m,)
     component: Indices  # component of each equation, as in ``estimation/kinds.py``, (m,)
     sigma: FloatArray  # noise of each equation's component, (m,), in m or rad
@@ -82,7 +82,7 @@ class WhitenedRows:
 
     @property
     def alone(self) -> WhitenedRows:
-        """They without derivatives, if there are any."""
+        """The same rows without derivatives."""
         return WhitenedRows(self.residual, self.row, self.component, self.sigma)
 
 
@@ -90,31 +90,31 @@ class WhitenedRows:
 class LinearRows(WhitenedRows):
     """Residuals and their derivatives at one state."""
 
-    # derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P)
+    # derivative of the *prediction*, over the noise, by frames and local parameters, shape (m, 12 + P)
     jacobian: FloatArray
-    # likewise by the frames, were the base not moved from row to row by what was found, (m, 12)
+    # likewise by the frames, without the motion of the base from row to row that was found, (m, 12)
     still: FloatArray
     scale: FloatArray  # derivative of the prediction by the device's scale, (m,)
     own: BoolArray  # whether an equation is of a session with frames of its own, (m, s)
-    start: Indices  # row that an equation's reading starts from, (m,); its own where there is none
-    # what that row alone does of jacobian and scale, (m, 12 + P + 1); of no columns where no reading starts from a row
+    start: Indices  # row from which an equation's reading starts, (m,); its own row where there is none
+    # that row's part of jacobian and scale, (m, 12 + P + 1); without columns where no reading starts from another row
     by_start: FloatArray
 
     @property
     def frame_columns(self) -> FloatArray:
-        """Columns of the frames, then of the base as sessions see it, (m, 12 + 6 s), in units of 1/m and 1/rad."""
+        """Columns of the frames, then of the base in each session, (m, 12 + 6 s), in units of 1/m and 1/rad."""
         return self._with_sessions(self.jacobian[:, :FRAMES])
 
     def _with_sessions(self, frames: FloatArray) -> FloatArray:
-        """Return columns of the frames (m, 12) and those of the base in each session of its own, (m, 12 + 6 s)."""
+        """Return columns of the frames, (m, 12), and those of the base in each session with its own, (m, 12 + 6 s)."""
         return np.hstack([frames, *(frames[:, :6] * own[:, None] for own in self.own.T)])
 
     @functools.cached_property
     def observable(self) -> FloatArray:
         """Directions of the frames that are free, (12 + 6 s, r); see :func:`observable_directions`.
 
-        That the base moves from row to row does not count: where it turns with time the target's place moves what is
-        seen with time as well, and left free it would go metres astray to make what the effect makes.
+        The motion of the base from row to row is excluded: where the base turns with time, an error of the target's
+        position changes the readings with time, too. Left free, that position would be metres off to fit the drift.
         """
         return observable_directions(self._with_sessions(self.still))
 
@@ -125,17 +125,16 @@ class LinearRows(WhitenedRows):
 
     @property
     def held(self) -> FloatArray:
-        """Columns of the frames along the others, (m, 12 + 6 s), by what is known from the start of them.
+        """Columns of the frames along the other directions, (m, 12 + 6 s), times their prior standard deviation.
 
-        They move what is seen only as far as the base turns from row to row.
+        They change the prediction only as far as the base turns from row to row.
         """
         return FRAME_STD * (self.frame_columns - self.free @ self.observable.T)
 
     def frame_step(self, left: FloatArray) -> FloatArray:
-        """Return the least-squares step of the frames for what is left of the rows (m,), (12 + 6 s,), in m and rad.
+        """Return the least-squares step of the frames for residuals (m,), (12 + 6 s,), in m and rad.
 
-        It goes along the directions that are free. That they are found to :data:`FRAME_STD` from the start picks one
-        answer, as in calibration.
+        Along the directions that are free. The prior :data:`FRAME_STD` makes the solution unique, as in calibration.
         """
         columns = self.free
         prior = np.eye(columns.shape[1]) / FRAME_STD
@@ -145,27 +144,27 @@ class LinearRows(WhitenedRows):
 
 @dataclass(frozen=True, eq=False)
 class ClosedRows:
-    """Rows with changes put in: their loops closed, and nothing differentiated yet."""
+    """Rows with changes put in: their loops closed, but not differentiated yet."""
 
-    frames: OuterAndSessionFrames  # from where they are seen
-    before: RowChanges  # what was changed in them before
-    total: RowChanges  # with the changes
-    prediction: Prediction  # what should be seen
-    alone: WhitenedRows  # what that leaves of what is
+    frames: OuterAndSessionFrames  # for the prediction
+    before: RowChanges  # changes that were there before
+    total: RowChanges  # with the changes put in
+    prediction: Prediction  # of the readings
+    alone: WhitenedRows  # residuals against it
 
 
 def observable_directions(columns: FloatArray) -> FloatArray:
-    """Return the directions (k, r) of unknowns that rows tell beyond what is known from the start, by columns (m, k).
+    """Return the directions (k, r) of unknowns about which rows say more than the prior, from columns (m, k).
 
-    One of which they tell less than :data:`FRAME_STD` moves no prediction by as much as its noise: left free, as
-    tracker and target about an axis that all rows share, it would explain what second orders of an effect alone make.
+    Along one about which they say less than :data:`FRAME_STD`, the prediction changes by less than its noise. Left
+    free, such a direction (tracker and target about an axis that all rows share) would explain second-order terms.
     """
     _, observable, directions = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(directions[observable > 1.0 / FRAME_STD].T)
 
 
 class CampaignRows:
-    """The rows of a campaign, all usable and sound, against one robot: its errors count, effects come on top.
+    """The rows of a campaign, all usable and sound, against one robot with its errors, to which effects are added.
 
     Raises:
         FrameFitError: too few rows.
@@ -198,7 +197,7 @@ class CampaignRows:
         return other
 
     def _by_the_drawing(self, modelled: ModelledRows) -> NominalRows:
-        """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
+        """Return the rows of the drawing: conditions from it do not change when errors are put into the model."""
         engine, closure = modelled.by_drawing()
         if not closure.closed.all():
             raise DiagnosisError(
@@ -209,9 +208,9 @@ class CampaignRows:
         return nominal_rows(self.model.definition, engine, closure)
 
     def not_told_by_commands(self, model: RobotModel) -> tuple[str, ...]:
-        """Return the effects of a model of which commands alone do not tell what they do in these rows, by id.
+        """Return the effects of a model that commands alone do not determine in these rows, by id.
 
-        What belongs to the measuring device does nothing to a command.
+        Effects of the measuring device do not change a command.
         """
         bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
         found = []
@@ -220,7 +219,7 @@ class CampaignRows:
             mine, _ = stack_of(alone, self.campaign, self._nominal, seen=False)
             try:
                 theirs, _ = stack_of(alone, bare, self._nominal, of_commands, seen=False)
-            except BadInputError:  # as a whole nothing was amiss: they lack a condition
+            except BadInputError:  # the model as a whole was accepted, so a condition is missing
                 found.append(effect)
                 continue
             if any(not np.array_equal(change, theirs[name]) for name, change in mine.items()):
@@ -228,25 +227,25 @@ class CampaignRows:
         return tuple(found)
 
     def unchanged(self) -> RowChanges:
-        """Return no change at all."""
+        """Return an empty change."""
         return RowChanges.of({}, self.measurement.engine.structure, len(self))
 
     def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
-        """Return the change that effects' parameters make together under this campaign's conditions.
+        """Return the total change by effects' parameters under this campaign's conditions.
 
-        Values are one a parameter, in its unit.
+        There is one value for each parameter, in its unit.
         """
         local = local_changes(parameters, values.tolist())
         return RowChanges.of(local, self.measurement.engine.structure, len(self))
 
     def refined_frames(self, fitted: BoolArray) -> OuterAndSessionFrames:
-        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,)."""
+        """Return the least-squares frames of some rows, by a mask (n,), with the effects that the model has."""
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
             step = linear.frame_step(linear.residual)
             frames = frames.moved(step)
-            if not step.any():  # closures tell nothing of them
+            if not step.any():  # closures do not depend on them
                 break
         return frames
 
@@ -274,12 +273,12 @@ class CampaignRows:
         return equations
 
     def linearised(self, there: ClosedRows) -> LinearRows:
-        """Differentiate rows where they are; raises DiagnosisError where some are singular there."""
+        """Differentiate rows at their state; raises DiagnosisError where some are singular there."""
         frames, total, model = there.frames, there.total, self.measurement
         seen = model.differentiated(there.prediction, frames, model.parameters, total.placements, total.base)
         equations = self._whitened(seen)
         jacobian = equations.derivatives
-        # The device's scale stretches positions about the tracker's own origin.
+        # The device's scale multiplies positions about the tracker's own origin.
         stretched = self.measured.stretched(seen) / (1.0 + total.scale[:, None])
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
@@ -310,7 +309,7 @@ class CampaignRows:
         )
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
-        """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""
+        """Close the loops with changes put in and return the prediction; rows that do not close are NaN."""
         return self._seen(self._given + changes, frames)
 
     def _seen(self, total: RowChanges, frames: OuterFrames) -> Prediction:
@@ -327,25 +326,25 @@ class CampaignRows:
         return parameter.prior_std * self.signature(parameter.changes, linear)
 
     def signature(self, changes: Mapping[str, FloatArray], linear: LinearRows) -> FloatArray:
-        """Return what changes of local parameters, (n,) each, add to the prediction to first order, whitened, (m,)."""
+        """Return the first-order change of the whitened prediction, (m,), by changes of local parameters, (n,) each."""
         total = np.zeros(linear.residual.size)
         for name, change in changes.items():
             total += self.channel(name, linear) * change[linear.row]
-            if linear.by_start.size:  # there it may change otherwise
+            if linear.by_start.size:  # the change may differ in that row
                 total += self._by_start(name, linear) * (change[linear.start] - change[linear.row])
         return total
 
     def _by_start(self, name: str, linear: LinearRows) -> FloatArray:
-        """Return what of :meth:`channel` the rows do that readings start from, (m,)."""
+        """Return the part of :meth:`channel` that is due to the rows from which readings start, (m,)."""
         return linear.by_start[:, -1 if name == SCALE else self._places[name]]
 
     def moving(
         self, name: str, changes: Mapping[str, FloatArray], linear: LinearRows, sums: scipy.sparse.csr_array
     ) -> Channel:
-        """Return how changes of local parameters, (n,) each, move readings; some rows may have more of them.
+        """Return the channel of changes of local parameters, (n,) each, of which some rows may have more.
 
-        ``sums`` (n, m) say which row each equation is of, as of a :class:`Channel`; a reading that starts from another
-        row is moved by what is in that one, too.
+        ``sums`` (n, m) are the row of each equation, as in a :class:`Channel`; a reading that starts from another row
+        is moved by the change in that row, too.
         """
         column = self.signature(changes, linear)
         if not linear.by_start.size:
@@ -358,20 +357,20 @@ class CampaignRows:
         return Channel(name, np.sign(np.abs(column) + np.abs(by_start)), shares)
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:
-        """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad."""
+        """Return the whitened signature of one local parameter, equal in all rows, shape (m,), per m or rad."""
         if name == SCALE:
             return linear.scale
-        return np.ascontiguousarray(linear.jacobian[:, self._places[name]])  # who keeps it does not keep all of them
+        return np.ascontiguousarray(linear.jacobian[:, self._places[name]])  # a copy: a view would keep all columns
 
     def moving_drives(self, linear: LinearRows, sums: scipy.sparse.csr_array) -> tuple[Channel, ...]:
-        """Return :meth:`moving` of a m or rad of every drive."""
+        """Return :meth:`moving` for a m or rad of every drive."""
         names, unit = map(channel, self.conditions.robot.drives), np.ones(len(self))
         return tuple(self.moving(name, {name: unit}, linear, sums) for name in names)
 
 
 @dataclass(frozen=True, eq=False)
 class Signatures:
-    """Whitened signatures of parameters, times their usual size, (m, k): worked out when they are asked for."""
+    """Whitened signatures of parameters, times their usual size, (m, k), computed on request."""
 
     rows: CampaignRows
     parameters: Sequence[EffectParameter]
@@ -383,6 +382,6 @@ class Signatures:
         return len(self.linear.residual), len(self.parameters)
 
     def __getitem__(self, some: slice | BoolArray) -> FloatArray:
-        """Return those of some equations, (some, k)."""
+        """Return the signatures in some equations, (some, k)."""
         linear = self.linear.some(some)
         return np.column_stack([self.rows.column(p, linear) for p in self.parameters])

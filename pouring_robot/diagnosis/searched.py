@@ -1,7 +1,7 @@
-"""A campaign searched under the noise that it tells: where nobody states that, it is what is left over.
+"""A campaign searched under its own noise: where none is stated, the noise is estimated from the residuals.
 
-While rows are told apart that fit nothing, all of it counts as noise. What is then left may be something unknown all
-the same: a noise as large as that would hide it (:meth:`Searched.beside_unknown`).
+While rows that fit nothing are identified, all of the residual counts as noise. It may still contain something unknown,
+which a noise as large as that would hide (:meth:`Searched.beside_unknown`).
 """
 
 from __future__ import annotations
@@ -24,52 +24,52 @@ from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.mechanism.arrays import Indices
 
 _NOISE_ROUNDS, _NOISE_SETTLED = 20, 0.02
-"""Every round is a whole search, from what the one before found; nine were seen, of rotations ninety times as poor as
-positions. 2 % of the noise is 4 % of a difference of evidence, which decides nothing."""
+"""Every round is a whole search, starting with the result of the one before; nine were needed where rotations were
+ninety times as poor as positions. 2 % of the noise is 4 % of a difference of evidence, which decides nothing."""
 _MOST_NOISE = 2.0**-0.5
-"""Share of what is left over up to which it is made by something unknown more than by the noise: more than half of its
-square. What is smaller than the noise is hardly what anybody is to find."""
+"""Largest share of noise in the residual at which something unknown makes more of it: more than half of its square.
+Something smaller than the noise need hardly be found."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subset:
     """A campaign with some rows left out."""
 
-    flagged: Indices  # rows that the checks say are wrong, by index in the campaign
+    flagged: Indices  # rows that the checks found to be wrong, by index in the campaign
     unfitting: Indices  # rows left out because nothing that was found explains them, likewise
-    inliers: Indices  # rows that are looked at, likewise
+    inliers: Indices  # rows that are used, likewise
     parts: Split | None  # which of these are held out; None: none
-    notes: tuple[str, ...]  # on that
-    diagnoser: Diagnoser  # what searches them, under the noise that is known beforehand
+    notes: tuple[str, ...]  # on the held-out rows
+    diagnoser: Diagnoser  # for these rows, under the noise that is known beforehand
 
     @property
     def left_out(self) -> Indices:
-        """Rows that are wrong, by index in the campaign."""
+        """Rows that are left out as wrong, by index in the campaign."""
         return np.union1d(self.flagged, self.unfitting)
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What explains it best, under the noise that the diagnoser knows."""
+    """The best explanation of a subset, under the noise of its diagnoser."""
 
     asked: Subset
     diagnoser: Diagnoser
     after: LinearState
     hypothesis: Hypothesis
-    settled: bool = True  # whether what is left over is as large as that noise, where it is to tell it
-    # like which larger noise what is left scattered under that which is told; this one was found under the larger one
+    settled: bool = True  # whether the residual is as large as that noise, where the noise is estimated from it
+    # the larger noise as which the residual under the stated noise scatters; this was found under the larger one
     larger_noise: LargerNoise | None = None
-    stated: NoiseLevel | None = None  # the noise that is told, where it is another
+    stated: NoiseLevel | None = None  # the noise before that, if it differs from the diagnoser's
 
     @property
     def noise(self) -> NoiseLevel:
-        """The noise as it is told."""
+        """The noise as stated or estimated."""
         return replace(self.stated or self.diagnoser.rows.noise, settled=self.settled)
 
     def under_larger(self, larger: LargerNoise) -> Searched:
-        """Search anew under a larger noise: what one that is too small has weighed is nothing to start from.
+        """Search anew under a larger noise, from nothing, as what was found under a smaller one is wrongly weighted.
 
-        Where that of all looks larger, each kind has as much as is left over of it.
+        Where that of all kinds looks larger, each kind has as much as its own residuals show.
         """
         noise = self.diagnoser.rows.noise
         if larger.kind is None:
@@ -81,12 +81,12 @@ class Searched:
         return Searched(self.asked, diagnoser, *diagnoser.found(), self.settled, larger, noise)
 
     def under(self, noise: NoiseLevel) -> Searched:
-        """Search again, from what was found, under another noise."""
+        """Search again under another noise, starting with what was found."""
         diagnoser = replace(self.diagnoser, rows=self.diagnoser.rows.with_noise(noise))
         return Searched(self.asked, diagnoser, *diagnoser.found(self.hypothesis, self.after.alone), self.settled)
 
     def with_noise_settled(self) -> Searched:
-        """Search again until all that is left over is as large as the noise that it was found under."""
+        """Search again until all of the residual is as large as the noise under which it was found."""
         found = self
         for _ in range(_NOISE_ROUNDS):
             noise = found.residual_noise
@@ -96,7 +96,7 @@ class Searched:
         return replace(found, settled=False)
 
     def beside_unknown(self) -> Searched:
-        """Search again, until the same is found, under the noise less what something unknown makes of it."""
+        """Search again, until the same is found, under the noise without the share of something unknown."""
         found = self
         for _ in range(_NOISE_ROUNDS):
             before, noise = found, found._noise_beside_unknown()
@@ -109,16 +109,16 @@ class Searched:
 
     @functools.cached_property
     def residual_noise(self) -> NoiseLevel:
-        """The noise as all that is left over tells it, where nothing better does."""
+        """The noise estimated from all of the residual, where nothing better is known."""
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
         dof = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
         left = noise_left(noise, self.after, self.hypothesis)
         return self.asked.diagnoser.rows.noise.told_by(left, dof, self.diagnoser.asked.false_names)
 
     def _noise_beside_unknown(self) -> NoiseLevel:
-        """Return the same less what something unknown makes of it, of each kind of which that is clear.
+        """Return the same without the share of something unknown, for each kind for which that is clear.
 
-        It is never more than before: that causes leave more then shows that they are none.
+        It never exceeds the noise before: if causes then leave more, they are no causes.
         """
         noise, left = self.diagnoser.rows.noise, self.residual_noise
         larger = {kind: left[kind].sigma / noise[kind].sigma for kind in left.open_kinds}
@@ -126,13 +126,13 @@ class Searched:
         return noise.times({kind: min(factor * shares[kind], 1.0) for kind, factor in larger.items()})
 
     def _share(self, kind: Kind, factor: float, kinds: int) -> float:
-        """Return which share of what is left over of a kind is noise: 1 unless a process clearly makes more of it.
+        """Return the share of noise in the residual of a kind: 1 unless a process clearly makes more of it.
 
-        All of it is so many times as large as the noise. So many kinds are asked, and chance may show in any.
+        The whole residual is ``factor`` times the noise. ``kinds`` is the number of kinds tested.
         """
         problem, linear = self.hypothesis.problem, self.after.linear
         own, axes = are(kind, linear.component), self.after.frames.T_tracker_base.rotation
-        problem = replace(problem, explanations=self.hypothesis.items).of(own)  # what else may be at work is not asked
+        problem = replace(problem, explanations=self.hypothesis.items).of(own)  # no other explanations are tried
         processes = processes_of(self.diagnoser.rows, linear.some(own), axes, chance=False)
         left = Discrepancy.of(self.hypothesis.on(problem), processes).under(factor)
         share, evidence = left.left_to_noise(_MOST_NOISE) if len(left) else (1.0, 0.0)
@@ -143,8 +143,8 @@ class Searched:
     def gross_errors(self) -> Indices:
         """The rows that nothing explains, by index in the campaign.
 
-        Fitted rows are asked by the fit of them alone: something unknown in the place that is held out says nothing of
-        them. Held-out rows are asked by a fit of all, as what is far from all others cannot be foretold.
+        Fitted rows are tested by the fit without held-out ones: something unknown that acts in the held-out region says
+        nothing of them. Held-out rows are tested by a fit of all, as rows far from all others cannot be predicted.
         """
         given, fitted, gone = self.diagnoser.rows.conditions, self.diagnoser.fitted, self.asked.unfitting.size
         courses = poses(given), given.time_s[:, None]
@@ -153,7 +153,7 @@ class Searched:
         left = [RowResiduals(fit.remainder, row, asked) for fit, row, asked in fits]
         deleted = [RowResiduals(fit.studentised_residual, row, asked) for fit, row, asked in fits]
         more = gross_errors((left, deleted), gone, courses)
-        if not more.size and not self.telling:  # and what was found is nothing to go by
+        if not more.size and not self.telling:  # what was found says nothing of the rows
             rest = self.diagnoser.at_rest().every_row
             more = gross_errors([[RowResiduals(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
@@ -163,10 +163,10 @@ class Searched:
 
     @property
     def calm(self) -> bool:
-        """Whether what it leaves of most of the fitted rows is noise, or little more."""
+        """Whether the residuals of most fitted rows are noise, or little more."""
         return calm(self.hypothesis.remainder)
 
     @property
     def telling(self) -> bool:
-        """Whether most of the fitted rows are nearly foretold by the others: what takes up any row explains none."""
+        """Whether most fitted rows are nearly predicted by the others: what fits any row explains none."""
         return calm(self.hypothesis.leave_one_out_residual)
