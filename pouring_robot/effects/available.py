@@ -1,7 +1,7 @@
 """Which effects are available: those of a robot's causes, and those that packages offer.
 
-Within this package an effect is of a family (:data:`FAMILIES`). Another package offers effects in its
-``pyproject.toml``; the name does not matter, the value is a class:
+Within this package an effect belongs to a family (:data:`FAMILIES`). Another package offers effects in its
+``pyproject.toml``; the name of the entry does not matter, its value is a class:
 
     [project.entry-points."pouring_robot.effects"]
     screw_wear = "my_package.effects:ScrewWear"
@@ -29,7 +29,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.robot import AnyRobot, definition_of
 
 GROUP = "pouring_robot.effects"
-FAMILIES: dict[str, type[Family]] = {  # by the name that causes have for them; a new one is a class in `families/`
+FAMILIES: dict[str, type[Family]] = {  # by the name that causes use; a new one is a class in `families/`
     "zero": ZeroOffset,
     "scale": DriveScale,
     "ratio": Ratio,
@@ -61,13 +61,13 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-@functools.lru_cache(maxsize=1)  # all that is installed is read for it, and one command asks many times
+@functools.lru_cache(maxsize=1)  # it reads what every installed package says, and one command asks many times
 def _offered(ask: Callable[..., Iterable[EntryPoint]], _: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
     return tuple(ask(group=GROUP))
 
 
 def _places() -> tuple[tuple[str, int], ...]:
-    """Return where Python looks for packages, and when what is there last changed, in ns."""
+    """Return the folders where Python looks for packages, and when each last changed, in ns."""
     there = (Path(folder).absolute() for folder in sys.path)
     return tuple((str(folder), folder.stat().st_mtime_ns) for folder in there if folder.exists())
 
@@ -75,7 +75,7 @@ def _places() -> tuple[tuple[str, int], ...]:
 def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
     """Return the library's effects and those of installed packages for a robot, by id; by default the default drawing.
 
-    Raises BadInputError if a package's effect cannot be loaded, is none, or has the id of another one.
+    Raises BadInputError if a package's effect cannot be loaded, is no effect, or has the id of another one.
     """
     robot = definition_of(robot)
     found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}

@@ -1,8 +1,8 @@
 """What an effect is: a change of the mechanism's local parameters, row by row, that depends on conditions.
 
-An effect is linear in its parameters: each has, for every row, the change of local parameters that one unit
-of it makes. First order: the transfer matrix carries these changes to the end body. Exactly: the loops close with the
-changes put in. What is not linear (a time constant, a power) tells *forms* of the effect apart.
+An effect is linear in its parameters: each defines, row by row, how one unit of it changes local parameters. To first
+order, the transfer matrix propagates these changes to the end body; exactly, the loops are closed with the changes
+applied. Nonlinear constants (a time constant, a power) distinguish the *forms* of an effect.
 
     class ScrewWear(Effect):
         id = "screw_wear"
@@ -42,15 +42,15 @@ class EffectParameter:
 
     name: str  # short, unique in its form
     unit: str  # the user's unit of its value
-    # standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios between
-    # the parameters of a form matter much: their common scale is found from the data.
+    # prior standard deviation where the effect is present, in ``unit``. Only the ratios between the parameters of a
+    # form matter much: their common scale is estimated from the data.
     prior_std: float
     changes: LocalChanges = field(repr=False)  # change of local parameters for one ``unit``
-    main: bool = True  # whether it makes the effect; if not, it shapes what the main parameters make
+    main: bool = True  # whether it makes the effect; if not, it only shapes what the main parameters make
     bounds: tuple[float, float] = (-float("inf"), float("inf"))  # what is physically possible, in ``unit``
 
     def __post_init__(self) -> None:
-        # A list, or the truth of a condition, does as well as an array of floats.
+        # A list, or an array of booleans, will do as well.
         floats = {name: np.asarray(change, dtype=float) for name, change in self.changes.items()}
         object.__setattr__(self, "changes", floats)
 
@@ -61,12 +61,12 @@ class Form:
 
     name: str  # unique in its effect
     parameters: tuple[EffectParameter, ...]  # the parameters, main ones first
-    # a constant of which this form is one value: of forms that share it at most one is at work. "" for forms that may
-    # be at work beside any other.
+    # name of a constant of which this form is one value: of the forms that share it at most one can be present. "" for
+    # forms that can be present together with any other.
     one_of: str = ""
-    series: bool = False  # whether its parameters are terms of a series, enough of which add up to any course
-    # what multiplies values to be told, (k, k), of rows that were fitted, (n,): where a sum of values changes nothing,
-    # it is as wide as their prior, and would be in the width of each
+    series: bool = False  # whether its parameters are terms of a series, enough of which represent any function
+    # matrix that multiplies values before they are reported, (k, k), from a mask of the fitted rows, (n,). A
+    # combination of values that has no effect is as uncertain as its prior, which would widen the interval of each.
     told: Callable[[BoolArray], FloatArray] | None = field(default=None, repr=False)
 
 
@@ -75,19 +75,20 @@ class Effect(ABC):
 
     id: str  # name in files and on the command line
     story: str  # one line for people: what happens on the machine
-    # names, in their robot files, of the robots it is for: those that have what it changes and is driven by; () for all
+    # names, in their robot files, of the robots it is for: those that have what it changes and what drives it; () for
+    # all
     robots: tuple[str, ...] = ()
-    # conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have
+    # conditions without which it cannot be tested, by the names that :meth:`Conditions.value` takes
     needs: tuple[str, ...] = ()
-    instead: str = ""  # what does as well as what is :meth:`missing`, in words
-    # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
+    instead: str = ""  # what can replace what is :meth:`missing`, in words
+    # conditions that also shape it where a campaign has them; an effect learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
-    moves_robot: bool = True  # whether it moves the robot, not only what is seen of it
-    of_turn: bool = False  # whether it is said to return with every turn of the joints that it moves
-    # condition that it is drawn over and that must vary so that it shows, one of
+    moves_robot: bool = True  # whether it moves the robot, not only what is measured of it
+    of_turn: bool = False  # whether it is stated to repeat with every turn of the joints that it moves
+    # condition over which it is plotted and which must vary for it to be observable, one of
     # :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`
     driven_by: str = ""
-    # measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`
+    # measurement that distinguishes it from other effects, in words; by default what varies :attr:`driven_by`
     told_apart_by: str = ""
 
     @property
@@ -97,48 +98,48 @@ class Effect(ABC):
 
     @property
     def passes(self) -> bool:
-        """Whether it goes by a campaign's own time or sessions, so that another campaign sees it do something else."""
+        """Whether it depends on a campaign's own time or sessions, so that it differs in another campaign."""
         return self.driver in ("time_s", "session")
 
     def separation(self, conditions: Conditions) -> str:
-        """Return which measurement tells it from other effects, in words; "" where nobody says."""
+        """Return which measurement distinguishes it from other effects, in words; "" where none is stated."""
         return self.told_apart_by or facts_of(self.driver, conditions.robot).vary
 
     def axis(self, conditions: Conditions) -> Axis:
-        """Return what it is best drawn over in a campaign."""
+        """Return the axis over which it is best plotted in a campaign."""
         return axis_over((self.driver, *self.needs, *ALWAYS), conditions)
 
     def workmanship(self, conditions: Conditions) -> tuple[EffectParameter, ...]:
-        """Return what of its kind workmanship leaves in every machine, if far less of it; by default nothing.
+        """Return the errors of its kind that manufacture leaves in every machine, but far smaller; by default none.
 
-        Its ``prior_std`` are those of the effect. How much less it is follows from the campaign.
+        Their ``prior_std`` are those of the effect. How much smaller they are is estimated from the campaign.
         """
         return ()
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
-        """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
+        """Return what its parameters say together but none says alone, a sentence each; by default nothing.
 
-        It is printed in the place of the parameters. ``values`` are those of the parameters found, by name, each in its
-        unit; ``stds`` their standard deviations.
+        It is printed instead of the parameters. ``values`` are those of the parameters found, by name, each in its
+        unit; ``stds`` are their standard deviations.
         """
         return ()
 
     def to_read_with_care(self, conditions: Conditions) -> tuple[str, ...]:
-        """Return what of a campaign makes its parameters less certain than they look, a sentence each.
+        """Return what in a campaign makes its parameters less certain than they look, a sentence each.
 
         By default nothing.
         """
         return ()
 
     def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
-        """Return in how many rows a form is taken as none because the campaign that taught it did not reach there.
+        """Return in how many rows a form is taken as zero because the campaign it was learned in did not reach there.
 
-        By part, in words; by default what was learned holds everywhere.
+        The keys are parts, in words. By default what was learned holds everywhere.
         """
         return {}
 
     def acts(self, conditions: Conditions) -> bool:
-        """Return whether it could ever move this robot, whatever else was varied; by default it could."""
+        """Return whether it could ever move this robot, whatever else is varied; by default it could."""
         return True
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
@@ -158,15 +159,15 @@ class Effect(ABC):
 
 
 def not_for(robot: RobotDefinition) -> str:
-    """Return how to mend an effect that a robot cannot have."""
+    """Return how to correct an effect that a robot cannot have, in words."""
     return f"mend its class or, if it is not for the robot '{robot.name}', let its `robots` name those it is for"
 
 
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
-    """Return the forms of an effect that may be anybody's, after a look at what they change.
+    """Return the forms of an effect, which may be a user's, after a check of what they change.
 
-    Under the n conditions nothing is missing; ``channels`` are the names of the local parameters there are. Raises
-    BadInputError if the effect fails, changes what does not exist, or changes are no n finite numbers.
+    The n conditions lack nothing that it needs; ``channels`` are the names of the existing local parameters. Raises
+    BadInputError if the effect fails, changes what does not exist, or its changes are not n finite numbers.
     """
     try:
         forms = tuple(effect.forms(conditions))
@@ -200,10 +201,10 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
 
 @dataclass(eq=False)
 class Family(Effect):
-    """A family of effects, made for parts of one robot.
+    """A family of effects, applied to parts of one robot.
 
-    Usual sizes are orders of size: evidence is averaged from a hundredth to ten times of them, and what only shapes an
-    effect from 0.03 to all of its part (docs/inference.md, "Two scales an effect").
+    Usual sizes are orders of magnitude: evidence is averaged from a hundredth to ten times them, and what only shapes
+    an effect from 0.03 to 1 of what it shapes (docs/inference.md, "Two scales an effect").
     """
 
     id: str  # name in files and on the command line
@@ -217,14 +218,14 @@ def channel(drive: Drive) -> str:
 
 
 def of_drives(drives: Sequence[Drive], unit: float, courses: FloatArray) -> dict[str, FloatArray]:
-    """Return the change of all drives along courses (n, drives), of a unit in m or rad."""
+    """Return the changes of all drives: ``courses``, their values row by row, (n, drives), times a unit in m or rad."""
     return {channel(drive): unit * courses[:, k] for k, drive in enumerate(drives)}
 
 
 def of_drive(
     drive: Drive, name: str, prior_std: float, course: FloatArray, main: bool = True, per: str = ""
 ) -> EffectParameter:
-    """Return a parameter that moves one drive along a course (n,), in its own unit; ``per`` is added to that."""
+    """Return a parameter that moves one drive by ``course``, (n,), in the drive's unit, to which ``per`` is added."""
     unit, si = shown_in(drive.unit)
     return EffectParameter(f"{drive.symbol}_{name}", unit + per, prior_std, {channel(drive): si * course}, main)
 
@@ -238,6 +239,6 @@ def of_each(
     main: bool = True,
     per: str = "",
 ) -> list[EffectParameter]:
-    """Return such a parameter for each of some drives: its own column of the courses of all drives, (n, D)."""
+    """Return such a parameter for each of some drives, by its column of the courses of all drives, (n, D)."""
     columns = zip(drives, conditions.places(drives), strict=True)
     return [of_drive(drive, name, prior_std, courses[:, k], main, per) for drive, k in columns]

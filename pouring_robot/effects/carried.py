@@ -1,4 +1,4 @@
-"""Which link every joint stands on, and which links carry what: where growth, or another body, moves what it bears."""
+"""Which link each joint is attached to, and which links carry what: for growth, or a moving base, that displaces it."""
 
 import functools
 from collections.abc import Collection, Iterator, Mapping
@@ -13,10 +13,10 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 @functools.lru_cache(maxsize=16)
 def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
-    """Return of every joint, fixed and moving, the link it stands on and its placement in that link."""
+    """Return for each joint, fixed or moving, the link it is attached to and its placement in that link."""
     model = robot.mechanism().shared_model
     found: dict[str, tuple[str, pin.SE3]] = {}
-    for frame in model.frames[1:]:  # the first stands for the world, and on nothing
+    for frame in model.frames[1:]:  # the first is the world, which is attached to nothing
         if frame.type not in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             continue
         link = model.frames[frame.parentFrame]
@@ -27,21 +27,21 @@ def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
 
 
 def lever(placed: pin.SE3) -> FloatArray:
-    """Return a place in its own axes, (3,), in m: a link that grows evenly displaces it by this times its strain."""
+    """Return a place in its own axes, (3,), in m: uniform growth of its link displaces it by this times the strain."""
     return np.asarray(placed.rotation.T @ placed.translation)
 
 
 def carrier(model: pin.Model, name: str) -> pin.Frame:
-    """Return the joint, fixed or moving, that carries a link, or that is meant itself."""
+    """Return the joint, fixed or moving, that carries a link; the name of a joint returns that joint."""
     frame = model.frames[frame_index(model, name)]
     return model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
 
 
 def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what links do to joints (``places``), also through fixed ones, which nothing displaces by themselves.
+    """Return which links displace joints (``places``) by growing, also through fixed ones, which are never displaced.
 
-    That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
-    link of what it carries there, (3,), in the joint's own axes, in m.
+    That is the joint, a link that carries it (as far as the next joint that moves or may be displaced), and the place
+    on that link of what it carries there, (3,), in the joint's own axes, in m.
     """
     found = []
     for joint in places:
@@ -52,10 +52,11 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
 
 
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what the last links of a chain do that ends in a fixed joint, which nothing displaces.
+    """Return which last links displace the end of a chain that ends in a fixed joint, which is never displaced itself.
 
-    They move the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes. As :func:`grown_places` for each such end whose seat, a fixed joint, is among ``places``.
+    They move the loop's frame on the chain, which is the same as moving the seat on the other side back: in a closed
+    ``6d`` loop both have the same axes. As :func:`grown_places` for each such end whose seat, a fixed joint, is among
+    ``places``.
     """
     model = robot.mechanism().shared_model
     ends = [(loop.frame_a, carrier(model, loop.frame_b)) for loop in robot.loops.loops if loop.type == "6d"]
@@ -64,9 +65,9 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
 
 
 def carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield what links do to one that they carry through fixed joints, none of ``places``, such as the end frame's.
+    """Yield the links that carry a link, such as the end frame's, through fixed joints, none of them in ``places``.
 
-    That is a link, and the place on it of what it carries there, (3,), in the axes of the link carried, in m.
+    With each comes the place on it of what it carries there, (3,), in the axes of the link carried, in m.
     """
     model, turned = robot.mechanism().shared_model, np.eye(3)
     joint = carrier(model, link)

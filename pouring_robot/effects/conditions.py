@@ -1,4 +1,4 @@
-"""What effects may depend on, row by row: commands, loads, temperatures, time. From a campaign and the drawing.
+"""What effects may depend on, row by row: commands, loads, temperatures, time; from a campaign and the drawing.
 
 Forces follow from virtual work: a drive that yields by dq under the weight W at height h carries -W ∂h/∂q.
 """
@@ -27,14 +27,14 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 RISE, FORCE, SIDES, LOAD = "_rise_k", "_force", "_approach", "payload_kg"
 _STILL = 1e-6
 _TURN, _ARC_GAP = 2.0 * np.pi, np.radians(15.0)
-"""Angles that are no further apart are in one arc. Coefficients that fall with the order are those of a random walk
-around a turn. Between two angles it strays from what they foretell by 0.48 times the way between them, in rad, of its
-variance at most, as a Brownian bridge does: here by an eighth."""
+"""Angles no further apart than this are in one arc. Coefficients that fall with the order are those of a random walk
+around a turn. Between two measured angles it is a Brownian bridge: the variance of what they do not predict is at most
+0.48 times the distance between them, in rad, as a share of the walk's variance: here an eighth."""
 
 
 @functools.lru_cache(maxsize=16)
 def set_apart(robot: RobotDefinition) -> FloatArray:
-    """Return by how much the joints at both ends of each sliding drive stand further apart than its value, (D,), in m.
+    """Return by how much the joints at both ends of each sliding drive are further apart than its value, (D,), in m.
 
     Measured along the slide, from the moving joint before it to the one behind it, or to the loop that it closes.
     """
@@ -55,37 +55,38 @@ def set_apart(robot: RobotDefinition) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """n rows in SI units; None where a campaign does not say.
+    """The conditions of n rows, in SI units; None where a campaign does not state them.
 
-    Beside the attributes, conditions have names (:meth:`value`): ``<thermometer>_rise_k`` of a thermometer or of all of
-    a kind, ``<travel>_m``, ``<group>_force`` of the drives of a group.
+    Besides the attributes there are conditions by name (:meth:`value`): ``<thermometer>_rise_k`` of a thermometer or of
+    all of a kind, ``<travel>_m``, ``<group>_force`` of the drives of a group.
     """
 
     robot: RobotDefinition  # of the drawing: drives, groups, names
     drives: FloatArray  # commanded drives, (n, D), in m and rad
     position_m: FloatArray  # nominal origin of the end body in the base, (n, 3)
     rotation: FloatArray  # nominal axes of the end body, (n, 3, 3)
-    session: Indices  # number from 0, (n,); -1: nothing was learned in it, -2: nobody says which it is
-    time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
+    session: Indices  # number from 0, (n,); -1: nothing was learned in it, -2: it is not stated
+    time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row is used instead
     time_known: bool  # whether there was a time column
     swing_rad: FloatArray | None = None  # of the joint about which each drive's chain swings, (n, D); NaN without one
-    # side each drive was approached from, (n, D), +1 or -1; 0 where it is said of others only
+    # side each drive was approached from, (n, D), +1 or -1; 0 where it is stated for others only
     approach: FloatArray | None = None
     weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
-    # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
-    # puts there; NaN of drives of which nobody says it.
+    # force or moment on each drive along its motion, (n, D), in N and Nm; tension is positive. As measured, else
+    # computed from weight; NaN for drives for which it is not known.
     drive_force: FloatArray | None = None
-    # what a newton of weight at tool and payload puts there, or would, (n, D), in N/N and Nm/N; None: nobody says where
+    # the same per newton of weight at tool and payload, even if there is none, (n, D), in N/N and Nm/N; None: the place
+    # of that weight is not known
     force_by_weight: FloatArray | None = None
-    # moment that weight puts on each joint, by the local parameter that turns it, (n,), in Nm: on those of closed loops
-    # :attr:`weight_n` alone, on those of open chains that of the links, too; None: nobody says
+    # moment of weight on each joint, by the local parameter that turns it, (n,), in Nm: in closed loops that of
+    # :attr:`weight_n` alone, in open chains also that of the links; None: not known
     joint_moments: Mapping[str, FloatArray] | None = None
     slides_m: Mapping[str, FloatArray] = field(default_factory=dict)  # nominal values of sliding joints, (n,), in m
     rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
-    travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
-    screw_pitch_m: float | None = None  # travel of a sliding drive a turn
+    travels: Mapping[str, FloatArray] = field(default_factory=dict)  # position of the base, by axis, (n,), in m
+    screw_pitch_m: float | None = None  # travel of a sliding drive per turn
     truss_span_m: float | None = None  # length of the rails
-    learned: LearnedCampaign | None = None  # the campaign that shapes count from; None: these very rows
+    learned: LearnedCampaign | None = None  # the campaign that shapes refer to; None: these rows
     filled: tuple[str, ...] = ()  # conditions of which single cells were filled in from their neighbours in time
     assumed: tuple[str, ...] = ()  # what was assumed, one line each
 
@@ -94,17 +95,17 @@ class Conditions:
 
     @property
     def from_zero(self) -> FloatArray:
-        """Commanded drives from where the controller's count is zero, (n, D), in m and rad."""
+        """Commanded drives, counted from the controller's zero, (n, D), in m and rad."""
         return self.drives - [drive.zero for drive in self.robot.drives]
 
     @property
     def spans(self) -> FloatArray:
-        """Distance of the joints at both ends of each sliding drive, (n, D), in m; of one that turns its value."""
+        """Distance between the joints at both ends of each sliding drive, (n, D), in m; the value of a turning one."""
         return np.asarray(self.drives + set_apart(self.robot))
 
     @property
     def causes(self) -> Causes:
-        """What may go wrong with the robot, and its words."""
+        """The robot's possible causes, and the words for them."""
         return causes_of(self.robot)
 
     def places(self, drives: Sequence[Drive]) -> list[int]:
@@ -123,12 +124,12 @@ class Conditions:
 
     @property
     def tilt_rad(self) -> FloatArray | None:
-        """Nominal turn of the end body about the base's y, (n,); None where it turns otherwise, too."""
+        """Nominal rotation of the end body about the base's y axis, (n,); None where it also rotates otherwise."""
         return tilts_alone(self.rotation)
 
     @property
     def turn_rad(self) -> FloatArray:
-        """What of the end body's turn from its mean orientation varies, (n, 0 to 3): rotation vector in the base."""
+        """Varying components of the end body's rotation from its mean, (n, 0 to 3): rotation vector in the base."""
         tilt = self.tilt_rad
         if tilt is not None:
             return tilt[:, None][:, : int(np.ptp(tilt) > _STILL)]
@@ -137,18 +138,18 @@ class Conditions:
 
     @property
     def passed(self) -> FloatArray:
-        """How much of the campaign's time has passed, 0 to 1 in it, (n,)."""
+        """Share of the campaign's time that has passed, 0 to 1 within it, (n,)."""
         first, last = self.learned.time_s if self.learned else (self.time_s.min(), self.time_s.max())
         return np.asarray((self.time_s - first) / max(float(last - first), 1e-9))
 
     @property
     def timed(self) -> bool:
-        """Whether the time of rows is that which shapes count in."""
+        """Whether the rows' time, measured or row order, is of the kind that shapes refer to."""
         return self.learned is None or self.time_known == self.learned.timed
 
     @property
     def mean_span_m(self) -> FloatArray:
-        """Mean of :attr:`spans` in the campaign, (D,), whichever way from zero a slide goes."""
+        """Mean size of :attr:`spans` in the campaign, (D,), whichever way from zero a slide goes."""
         return np.array(self.learned.mean_span_m) if self.learned else np.abs(self.spans).mean(axis=0)
 
     @property
@@ -164,7 +165,7 @@ class Conditions:
         return self.drive_force is not None and bool(np.isfinite(self.drive_force).all())
 
     def mean_rise_k(self, thermometer: str) -> float:
-        """Return the mean temperature above the reference in the campaign; 0 where what was learned does not say it."""
+        """Return the mean temperature above the reference in the campaign; 0 where a learned campaign lacks it."""
         return self.learned.mean_rise_k.get(thermometer, 0.0) if self.learned else float(self.rises[thermometer].mean())
 
     @property
@@ -174,23 +175,24 @@ class Conditions:
         return np.asarray(counts / counts.sum())
 
     def learned_share(self, drive: Drive, shortest_rad: float) -> FloatArray:
-        """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
+        """Return what share of the harmonics of a turning drive's own angle is known in each row, (n,).
 
-        Beyond the arcs of a turn that these lie in, and between two that are further apart than half of the shortest,
-        they fade out over a quarter of it: samples no further apart than half of a wave tell it (Shannon 1949).
+        It is 1 at measured angles. Beyond the arcs of a turn that contain these, and between two arcs further apart
+        than half of the shortest wave, it fades to 0 over a quarter of that wave: samples no further apart than half of
+        a wave determine it (Shannon 1949).
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:
             return np.ones(len(self))
         angles, (first, last) = self.drives[:, self.places((drive,))], np.array(arcs).T
-        behind = ((angles - first) % _TURN - (last - first)).min(axis=1)
-        ahead = ((first - angles) % _TURN).min(axis=1)
-        within = (behind <= 0.0) | (behind + ahead <= max(_ARC_GAP, 0.5 * shortest_rad))
-        apart = np.where(within, 0.0, np.minimum(behind, ahead))
+        past_end = ((angles - first) % _TURN - (last - first)).min(axis=1)
+        before_start = ((first - angles) % _TURN).min(axis=1)
+        within = (past_end <= 0.0) | (past_end + before_start <= max(_ARC_GAP, 0.5 * shortest_rad))
+        apart = np.where(within, 0.0, np.minimum(past_end, before_start))
         return np.asarray(np.maximum(1.0 - apart / (0.25 * shortest_rad), 0.0))
 
     def value(self, name: str) -> Any:
-        """Return a condition by its name: (n,) or (n, k), or a number for the whole campaign; None if there is none."""
+        """Return a condition by its name: (n,) or (n, k), or one number for the campaign; None if there is none."""
         if hasattr(self, name):
             return getattr(self, name)
         if name.endswith(RISE):
@@ -207,24 +209,24 @@ class Conditions:
         return self.travels.get(name.removesuffix("_m"))
 
     def _of_group(self, name: str, of_drives: FloatArray | None) -> FloatArray | None:
-        """Return what is known of all drives, (n, D), of those of a group; None if nothing is, or there is none."""
+        """Return the columns of a group's drives, from those of all, (n, D); None without these or such a group."""
         group = self.robot.groups.get(name, ())
         return None if of_drives is None or not group else of_drives[:, self.places(group)]
 
     def in_session(self, number: int) -> FloatArray:
-        """Return 1 in rows of a session, else 0, (n,); NaN where nobody says which it is."""
+        """Return 1 in rows of a session, else 0, (n,); NaN where the session is not stated."""
         return np.where(self.session < -1, np.nan, self.session == number)
 
     @functools.cached_property
     def runs(self) -> list[Indices]:
-        """Rows in the order of time, in one run or each session in its own: :func:`~.columns.runs_in_time`."""
+        """Rows in time order, as one run or one run per session: :func:`~.columns.runs_in_time`."""
         return runs_in_time(self.time_s, self.session.tolist())
 
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
-        """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time.
+        """Return values, (n,) or (n, k), that follow given ones with a first-order lag, in time order.
 
-        Before the first row, also of a session whose clock begins anew, they had settled. Of rows of which nobody knows
-        the time nothing is said, NaN, unless all are alike.
+        They had settled before the first row, also before that of a session whose clock starts anew. They are NaN where
+        the time of rows is not known, unless all given values are alike.
         """
         if not self.timed and len(self) > 1 and np.ptp(values, axis=0).any():
             return np.full_like(values, np.nan)
@@ -232,7 +234,7 @@ class Conditions:
         for before, now in itertools.chain(*map(itertools.pairwise, self.runs)):
             passed = (self.time_s[now] - self.time_s[before]) / lag_s
             kept = float(np.exp(-passed))
-            # Values change evenly from row to row, and at once over what is not measured between two sessions.
+            # Values change linearly from row to row, but in one step at the start of the gap between two sessions.
             evenly = passed > 0.0 and self.session[now] == self.session[before]
             still = float(-np.expm1(-passed)) / passed if evenly else kept
             out[now] = values[now] + (out[before] - values[before]) * kept - (values[now] - values[before]) * still
@@ -240,7 +242,7 @@ class Conditions:
 
 
 def condition_names(robot: RobotDefinition) -> frozenset[str]:
-    """Return the names of everything that rows may have, measured or worked out."""
+    """Return the names of all conditions that rows may have, measured or computed."""
     own = {
         *(f.name for f in fields(Conditions)),
         *(n for n, own in vars(Conditions).items() if isinstance(own, property)),
@@ -253,7 +255,7 @@ def condition_names(robot: RobotDefinition) -> frozenset[str]:
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
     """Return the conditions of a campaign whose rows are all usable; ``nominal`` are the same rows by the drawing.
 
-    From another campaign, if one is given, shapes count (``learned``), and its facts of the machine hold.
+    If another campaign is given (``learned``), shapes refer to it, and its facts about the machine hold.
     """
     whole = functools.partial(filled_in, campaign)
     facts, robot = learned or campaign.metadata, nominal.robot
@@ -271,8 +273,8 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
     warm = {member: whole(member) for member in thermometers if member in campaign.conditions}
     travels = {name: whole(name) for name in robot.travels}
     sides = [whole(name) for name in approach_names(robot)]
-    told_side = any(side is not None for side in sides)
-    unsaid = np.zeros(len(campaign))
+    any_side = any(side is not None for side in sides)
+    no_side = np.zeros(len(campaign))
     return Conditions(
         robot=robot,
         drives=np.array(campaign.drives),
@@ -282,7 +284,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
         swing_rad=nominal.swing_rad,
-        approach=np.column_stack([unsaid if s is None else s for s in sides]) if told_side else None,
+        approach=np.column_stack([no_side if s is None else s for s in sides]) if any_side else None,
         weight_n=weight,
         drive_force=force,
         force_by_weight=by_weight,
@@ -299,7 +301,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
 
 
 def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
-    """Return plausible conditions of a few rows in one session that hold nothing but drives and measured poses."""
+    """Return plausible conditions of a few rows in one session, with nothing but drives and measured poses."""
     one, course = np.ones(rows), np.linspace(0.0, 1.0, rows)
     middle = np.array([0.55 if drive.unit == "m" else 0.0 for drive in robot.drives])
     return Conditions(
@@ -315,9 +317,9 @@ def bare_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
 
 
 def complete_conditions(robot: RobotDefinition, rows: int = 3, *, every_thermometer: bool = False) -> Conditions:
-    """Return the same with nothing missing but several sessions; figures of no machine.
+    """Return the same with every condition but several sessions; the figures are of no real machine.
 
-    Of thermometers there are those that one expects, or every one that the robot may have.
+    Thermometers are those that one expects, or every one that the robot may have.
     """
     bare = bare_conditions(robot, rows)
     joints = robot.drawing().engine.structure.placed_joints
@@ -338,19 +340,19 @@ def complete_conditions(robot: RobotDefinition, rows: int = 3, *, every_thermome
 
 
 def of_commands(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None) -> Conditions:
-    """Return the conditions of commands, as :func:`conditions_of`; the order of measured rows only stands for time."""
+    """Return the conditions of commands, as :func:`conditions_of`; only measured rows have an order that is a time."""
     found = conditions_of(campaign, nominal, learned)
     return replace(found, time_known=True) if learned and not learned.timed else found
 
 
 def told(campaign: Campaign) -> dict[str, FloatArray]:
-    """Return drives and conditions that a campaign has, (n,) each, by heading in inner units."""
+    """Return the drives and conditions that a campaign has, (n,) each, by heading, in inner units."""
     found = {q.canonical: campaign.command(q.name) for q in campaign.robot.ranged_columns}
     return {heading: values for heading, values in found.items() if values is not None}
 
 
 def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
-    """Return what effects that are learned in a campaign, under its conditions, are to be counted from elsewhere."""
+    """Return what effects learned in a campaign, under its conditions, refer to when they are applied elsewhere."""
     metadata = campaign.metadata
     shared = metadata.model_dump(include={*LearnedCampaign.model_fields})  # facts of the machine
     shared["reference_temperature_degC"] = reference_degC(metadata.reference_temperature_degC)
@@ -370,17 +372,17 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
 
 
 def force_headings(robot: RobotDefinition) -> tuple[str, ...]:
-    """Return the headings of what each drive carries."""
+    """Return the headings of the force or moment on each drive."""
     return tuple(column.canonical for column in robot.condition_columns if column.kind in ("force", "moment"))
 
 
 def forces_measured(robot: RobotDefinition, headings: Collection[str]) -> bool:
-    """Return whether some headings say what every drive carries, so that no load need be known."""
+    """Return whether headings include the force or moment on every drive, so that no load need be known."""
     return {*force_headings(robot)} <= {*headings}
 
 
 def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:
-    """Return the arcs of a turn that angles (n,) lie in, in rad, between which nothing is foretold."""
+    """Return the arcs of a turn that contain angles, (n,), in rad; between the arcs nothing is predicted."""
     ordered = np.unique(angles % _TURN)
     ends = np.flatnonzero(np.diff(ordered, append=ordered[0] + _TURN) > _ARC_GAP)
     if not ends.size:

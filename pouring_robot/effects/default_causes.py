@@ -1,4 +1,4 @@
-"""Causes of a robot that declares none: every family over its groups of drives, joints, links and thermometers."""
+"""Causes of a robot that declares none: every family, for its groups of drives, joints, links and thermometers."""
 
 import functools
 from collections.abc import Iterator, Mapping
@@ -23,20 +23,20 @@ from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drive import Drive
 
 HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
-"""How large each order of an error that is bound to a joint's own angle is expected over the first. What makes it
-(encoder, gear, transmission) is not asked: an error whose steps around the turn are independent of each other, as
+"""Expected size of each order, relative to the first, of an error that is a function of a joint's own angle. Its origin
+(encoder, gear, transmission) does not matter: an error whose steps around the turn are independent of each other, as
 those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
-_USUAL_MOMENT_NM = 100.0  # where nobody says what drives are made for: of an arm that carries some 10 kg
+_USUAL_MOMENT_NM = 100.0  # where no effort limits are stated: that of an arm that carries some 10 kg
 _ZERO_MRAD = 10.0  # usual zero error of a joint: homed by marks, by eye, or a tooth of its gear off, half a degree
 _NO_LIMITS_M, _LONGEST_M = (-1.0, 1.0), 100.0
-"""Taken for the stroke of a slide whose limits are none, and from where on limits are."""
+"""Limits assumed for a slide without any, and the stroke from which on limits count as none."""
 Groups = Mapping[str, tuple[Drive, ...]]
 
 
 @functools.lru_cache(maxsize=16)
 def causes_of(robot: RobotDefinition) -> Causes:
-    """Return what a robot declares of its causes; otherwise those of a library over its groups."""
+    """Return the causes that a robot declares; otherwise the default ones for its groups."""
     if robot.causes:
         return robot.causes
     mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
@@ -49,7 +49,7 @@ def causes_of(robot: RobotDefinition) -> Causes:
 
 
 def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
-    """Yield what may be wrong with drives, family by family, group by group."""
+    """Yield the possible causes in drives, family by family, group by group."""
     groups = robot.groups
     slides = {name: drives for name, drives in groups.items() if drives[0].unit == "m"}
     turns = {name: drives for name, drives in groups.items() if drives[0].unit == "rad"}
@@ -84,7 +84,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
 
 
 def _coupled(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
-    """Yield that turning drives of an open chain go along with others: in a loop each has a motor on the base."""
+    """Yield the coupling of turning drives in open chains; in a loop each has its motor on the base."""
     joints = (drive.joint for drive in robot.drives if drive.unit == "rad")
     turns = tuple(sorted(joints, key=mechanism.shared_model.getJointId))
     if len(turns) > 1 and not mechanism.anchors:
@@ -99,16 +99,16 @@ def _each(groups: Groups, id_: str) -> Iterator[tuple[str, str, dict[str, Any]]]
 
 
 def _strengths(robot: RobotDefinition, drives: tuple[Drive, ...]) -> tuple[float, ...]:
-    """Return the moments that drives are made for by the URDF, in Nm; none where it does not say all of them."""
+    """Return the effort limits of drives in the URDF, in Nm; none where it does not state all of them."""
     model = robot.mechanism().shared_model
     said = [float(model.upperEffortLimit[model.idx_vs[model.getJointId(drive.joint)]]) for drive in drives]
     return tuple(said) if all(0.0 < limit < np.inf for limit in said) else ()
 
 
 def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
-    """Yield that joints of an open chain tilt; those of loops share their moments in a way that only stiffness tells.
+    """Yield the tilting of joints in open chains; how joints in loops share moments depends on their stiffness.
 
-    A bearing is expected to be as soft as its drive; what carries drives, and slides, as the strongest of them.
+    A bearing is expected to be as compliant as its drive; other joints and slides, as the strongest drive.
     """
     axes = {joint: _axis(mechanism, joint) for joint in robot.drawing().engine.structure.placed_joints}
     if mechanism.anchors or not any(axis.any() for axis in axes.values()):
@@ -133,7 +133,7 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
 
 
 def _across(axis: FloatArray) -> dict[str, list[float]]:
-    """Return the directions across an axis, in a joint's placement, by name: u and v where it is none of x, y and z."""
+    """Return directions perpendicular to an axis, in a joint's placement, by name: u, v where it is not x, y or z."""
     names = [name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG]
     if len(names) == 2:
         return {name: np.eye(3)["xyz".index(name)].tolist() for name in names}
@@ -141,10 +141,10 @@ def _across(axis: FloatArray) -> dict[str, list[float]]:
 
 
 def _usual_moment(robot: RobotDefinition) -> float:
-    """Return the moment at which compliance is given, in Nm: what turning drives are made for, if the URDF says it.
+    """Return the moment at which compliance is stated, in Nm: the turning drives' effort limits, if the URDF has them.
 
-    Gears and bearings of like shape at like stress give way by like angles, so that a small robot's are as far from
-    their drawing at its own load as a large one's. The geometric mean, as a round number.
+    Gears and bearings of similar shape under the same stress yield by similar angles, so a small robot under its own
+    load deviates from the drawing as much as a large one. It is the geometric mean, rounded.
     """
     if robot.file.usual_moment_nm is not None:
         return robot.file.usual_moment_nm
@@ -189,7 +189,7 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
 
 
 def _zeros(robot: RobotDefinition, mechanism: ClosedChainMechanism, joint: str, across: str) -> dict[str, str]:
-    """Return the turning drive before a joint, if an axis across this one, by which it is said, lies along its own."""
+    """Return the turning drive before a joint, by the component of the joint's tilt that is parallel to its axis."""
     model = mechanism.shared_model
     number = model.getJointId(joint)
     before = model.names[model.parents[number]]
@@ -200,7 +200,7 @@ def _zeros(robot: RobotDefinition, mechanism: ClosedChainMechanism, joint: str, 
 
 
 def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
-    """Return the axis of a joint of one freedom in its own placement, (3,); zeros for others."""
+    """Return the axis of a joint with one degree of freedom in its own placement, (3,); zeros for others."""
     model = mechanism.shared_model
     if not model.existJointName(joint) or model.nvs[model.getJointId(joint)] != 1:
         return np.zeros(3)

@@ -1,4 +1,4 @@
-"""What is known of each condition: what to record for it, what to draw over it, how to make it tell effects apart."""
+"""Facts about each condition: what to record for it, how to plot over it, how to vary it to distinguish effects."""
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
@@ -20,12 +20,12 @@ from pouring_robot.robot.description.drive import Drive
 INERTIAS = "inertias of the links in the URDF"
 _KILO, _HOUR_S = 1e3, 3600.0
 Drawn = Callable[[Conditions], tuple[str, FloatArray | None]]
-"""A label and (n,) numbers in its unit; None where the campaign does not say."""
+"""A label and (n,) numbers in its unit; None where the campaign does not have them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """What effects and residuals are drawn over."""
+    """Axis over which effects and residuals are plotted."""
 
     label: str  # with its unit
     values: FloatArray  # shape (n,)
@@ -36,20 +36,20 @@ class Axis:
 class ConditionFacts:
     """Facts about one condition."""
 
-    axis: Drawn = lambda _: ("", None)  # what to draw over it
-    word: str = ""  # its name in sentences on what data depend on; "" where another condition stands for it there
-    sources: tuple[str, ...] = ()  # what tells it: columns of a campaign's table, ``section.key`` of the YAML
+    axis: Drawn = lambda _: ("", None)  # label and values for plots over it
+    word: str = ""  # its name in sentences on what data depend on; "" where another condition replaces it there
+    sources: tuple[str, ...] = ()  # where it comes from: columns of a campaign's table, ``section.key`` of the YAML
     record: str = ""  # the same in words
-    vary: str = ""  # which measurement makes show what depends on it
-    least_spread: float = 0.0  # from lowest to highest, SI; with less it was held still. 0 where that is no question
-    varied: str = ""  # condition that a campaign varies with it, if not itself
-    by_pose: bool = False  # whether every campaign varies it, as it goes by the pose
-    expected: bool = True  # whether it is worth saying that a campaign does not have it
+    vary: str = ""  # which measurement reveals what depends on it
+    least_spread: float = 0.0  # range in SI units; with less it was held still. 0 where that does not apply
+    varied: str = ""  # condition by whose range that is judged, if not by its own
+    by_pose: bool = False  # whether every campaign varies it, as it depends on the pose
+    expected: bool = True  # whether to report that a campaign does not have it
 
 
 @functools.lru_cache(maxsize=16)
 def known_facts(robot: RobotDefinition) -> dict[str, ConditionFacts]:
-    """Return the facts of a robot's conditions by their names, in the order they are spoken of."""
+    """Return the facts about a robot's conditions by their names, in the order in which they are mentioned."""
     causes = causes_of(robot)
     words = causes.words
     load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
@@ -86,12 +86,12 @@ def known_facts(robot: RobotDefinition) -> dict[str, ConditionFacts]:
 
 
 def facts_of(name: str, robot: RobotDefinition) -> ConditionFacts:
-    """Return the facts of a condition; of one without facts nothing is known."""
+    """Return the facts about a condition; empty ones if there are none."""
     return known_facts(robot).get(name, ConditionFacts())
 
 
 def _drawn(label: str, name: str, shown: Callable[[Any], FloatArray] = np.asarray) -> Drawn:
-    """Return how a condition is drawn: what ``shown`` makes of its values, in the unit of the label."""
+    """Return how a condition is plotted: its values, converted by ``shown`` to the unit of the label."""
 
     def axis(given: Conditions) -> tuple[str, FloatArray | None]:
         values = given.value(name)
@@ -110,9 +110,9 @@ def _screw(given: Conditions) -> tuple[str, FloatArray | None]:
 
 
 def _least_load_n(robot: RobotDefinition, causes: Causes) -> float:
-    """Return by how much a load differs at least that was varied, in N.
+    """Return the smallest range of a load that counts as varied, in N.
 
-    Arms carry a tenth of what they weigh or more: a tenth of that. Where the load is far more than a robot weighs, as
+    Arms carry a tenth of their weight or more: a tenth of that. Where the load is far more than the robot's weight, as
     that of a ladle, half a kilonewton.
     """
     if not causes.own_weight:
@@ -121,7 +121,7 @@ def _least_load_n(robot: RobotDefinition, causes: Causes) -> float:
 
 
 def _of_weight(causes: Causes, axis: Drawn, least_n: float) -> ConditionFacts:
-    """Return the facts of a condition that goes by the load; a tare counts where the links' own weight does not."""
+    """Return the facts about a condition that depends on the load; a tare counts where the links' weight does not."""
     words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
     return ConditionFacts(
         axis,
@@ -139,7 +139,7 @@ def _force(causes: Causes, name: str, label: str, least_n: float) -> ConditionFa
 
 
 def _least_way_m(robot: RobotDefinition, joints: Iterable[str], most: float) -> float:
-    """Return by how much sliding joints differ at least that were moved, in m: half of the longest way, or less."""
+    """Return the smallest range of sliding joints that counts as varied, in m: half the longest stroke, or ``most``."""
     limits = robot.drawing().mechanism.joint_limits()
     ways = (high - low for low, high in (limits.get(joint, (-np.inf, np.inf)) for joint in joints))
     return min(most, 0.5 * max(ways))
@@ -156,7 +156,7 @@ def _travel(robot: RobotDefinition, name: str, words: tuple[str, str] | None) ->
 
 
 def _rise(kind: Thermometers, of_drives: Iterable[str]) -> ConditionFacts:
-    """Return the facts of a kind of thermometer; of several the mean of those on drives is drawn."""
+    """Return the facts about a kind of thermometer; of several, the mean of those on drives is plotted."""
     members, driven = list(kind.members), set(of_drives)
     shown = [k for k, member in enumerate(members) if member in driven] or list(range(len(members)))
 
@@ -180,7 +180,7 @@ def _approach(name: str, drives: Sequence[Drive]) -> ConditionFacts:
 
 
 def of_drives(robot: RobotDefinition) -> dict[str, ConditionFacts]:
-    """Return the facts of the drives' own values: those of a robot that has such drives."""
+    """Return the facts about the drives' own values, for the kinds of drives that a robot has."""
     found = {}
     slides, turns = ([drive for drive in robot.drives if drive.unit == unit] for unit in ("m", "rad"))
     if slides:
@@ -221,24 +221,24 @@ _OF_POSE = {
     ),
     "height_m": ConditionFacts(_Z, by_pose=True),
 }
-ALWAYS = ("tilt_rad", "height_m", "time_s")  # what anything can be drawn over
+ALWAYS = ("tilt_rad", "height_m", "time_s")  # what anything can be plotted over
 
 
 def held_still(name: str, conditions: Conditions) -> bool:
-    """Return whether a campaign hardly varied a condition: no column of it spreads enough."""
+    """Return whether a campaign hardly varied a condition: no column of it has a large enough range."""
     facts = facts_of(name, conditions.robot)
     values = conditions.value(facts.varied or name) if facts.least_spread else None
     return values is not None and bool((np.ptp(values.reshape(len(values), -1), axis=0) < facts.least_spread).all())
 
 
 def in_words(conditions: Conditions, names: Iterable[str]) -> dict[str, Any]:
-    """Return conditions by their names in sentences; those that the campaign has."""
+    """Return those conditions that a campaign has, by their names in sentences."""
     found = {facts_of(name, conditions.robot).word: conditions.value(name) for name in names}
     return {word: values for word, values in found.items() if values is not None}
 
 
 def numbers(conditions: Conditions, *, by_pose: bool = False, moves_joints: bool = False) -> tuple[str, ...]:
-    """Return the names of the load and of temperatures that are one number a row, whether a campaign has them or not.
+    """Return the names of the load and of temperatures that are one number per row, whether a campaign has them or not.
 
     Of these, if asked for, only those that may act differently in different poses, or may displace joints.
     """

@@ -1,4 +1,4 @@
-"""What the drawing says of the rows of a campaign: poses, how drives move them, what weight puts on drives."""
+"""What the drawing predicts for the rows of a campaign: poses, how drives move them, forces of weight on drives."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 
 @dataclass(frozen=True, eq=False)
 class NominalRows:
-    """What the drawing says of the rows of a campaign."""
+    """What the drawing predicts for the rows of a campaign."""
 
     robot: RobotDefinition  # the drawing
     position_m: FloatArray  # origin of the end body in the base, (n, 3)
     rotation: FloatArray  # its axes, (n, 3, 3)
-    rotation_at_rest: FloatArray  # the same from where weight pulls one way (``seen_from_rest``), as all that follows
+    rotation_at_rest: FloatArray  # in a frame in which weight pulls one way (``seen_from_rest``), as all that follows
     by_drive: FloatArray  # ∂pose/∂drive, (n, 6, D)
     turns: tuple[str, ...]  # T local parameters that turn joints
     by_turn: FloatArray  # ∂pose/∂turn, (n, 6, T)
     up: FloatArray  # direction against gravity, (3,)
     swing_rad: FloatArray  # of the joint about which each drive's chain swings, (n, D); NaN without one
-    own_force: FloatArray | None  # what the links' weight puts on every drive, (n, D); None: not counted or not drawn
-    own_moment: FloatArray | None  # and on every turn, (n, T); None in closed loops, too
+    own_force: FloatArray | None  # of the links' weight on each drive, (n, D); None: not counted, or no inertias drawn
+    own_moment: FloatArray | None  # and on each turn, (n, T); None in closed loops, too
     slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
-    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
+    payload_m: FloatArray | None  # place of the payload on the end body, (3,); None where the campaign has it, a tare
 
 
 def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) -> NominalRows:
-    """Return what the drawing says of rows that its engine, without errors, closed, all of them."""
+    """Return what the drawing predicts for rows that its engine, without errors, closed, all of them."""
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
     joints = engine.structure.placed_joints
@@ -67,9 +67,9 @@ def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) 
 def loads_on(
     nominal: NominalRows, facts: CampaignMetadata | LearnedCampaign, payload_kg: FloatArray | None
 ) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None, Mapping[str, FloatArray] | None]:
-    """Return the weight carried, (n,), what it and the links' own weight put on every drive, its share a newton.
+    """Return the weight carried, (n,), the forces of it and of the links on every drive, and those per newton of it.
 
-    Last, what they put on joints, by what turns these.
+    Last, the moments of both on joints, by the local parameter that turns them.
     """
     own = None if nominal.own_moment is None else dict(zip(nominal.turns, nominal.own_moment.T, strict=True))
     tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m

@@ -1,6 +1,6 @@
 """What a model file's effects do: changes of local parameters in the rows of a campaign, or of commands.
 
-What the file may hold is :mod:`pouring_robot.robot.effect_stack`; which effects there are
+What the file may hold is in :mod:`pouring_robot.robot.effect_stack`; which effects there are, in
 :mod:`pouring_robot.effects.available`.
 """
 
@@ -43,14 +43,14 @@ def stack_of(
     *,
     seen: bool = True,
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-    """Return what of a model depends on conditions, not being placed, as :func:`local_changes`.
+    """Return the :func:`local_changes` by those effects of a model that depend on conditions, as they are not placed.
 
-    Beside them, a line each, the effects taken as none in some rows because nobody learned them there. All rows are
-    usable, and ``nominal`` are they by the drawing; ``conditions`` gives theirs as shapes that were learned in a
-    campaign count them. ``seen``: with what does not move the robot but what is seen of it.
+    Also return, a line each, the effects taken as zero in some rows because they were not learned there. All rows are
+    usable, and ``nominal`` are they by the drawing; ``conditions`` returns theirs, relative to the campaign that shapes
+    were learned in. ``seen``: with effects that do not move the robot but only what is measured of it.
 
     Raises:
-        MissingConditionsError: effects need some that are not given.
+        MissingConditionsError: effects need conditions that are not given.
         BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
     """
     parameters, values, untold = list[EffectParameter](), list[float](), dict[str, None]()
@@ -83,27 +83,27 @@ def stack_of(
 def _parameters_of(
     model: RobotModel, entry: EffectEntry, effect: Effect, rows: Conditions, campaign: Campaign
 ) -> list[EffectParameter]:
-    """Return what the parameters of an entry change in rows, in its order."""
+    """Return the parameters of an entry with what they change in rows, in its order."""
     learned, given = model.learned.get(entry.learned), told(campaign)
     lost = [heading for heading in learned.ranges if heading not in given] if learned else []
-    unsaid, instead = _unsaid(effect, model.definition, given, lost)
-    missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *unsaid)))
+    also, instead = _also_needed(effect, model.definition, given, lost)
+    missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *also)))
     warmed = effect.driven_by.endswith(RISE)
     thermometers = tuple(heading for heading in lost if warmed and heading.endswith("_degC"))
     if thermometers and missing and not {*missing} & {*lost}:
-        missing = thermometers  # any would do where it was learned: those that were there
-    if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
+        missing = thermometers  # any would have done where it was learned: those of that campaign
+    if missing:  # facts about the machine, which have a dot, are in the model, with the campaign
         needed = [h for h in missing if not learned or "." not in h] or missing
         raise _lacking(model, entry, needed, instead)
     try:
         form = {p.name: p for p in effect.form(entry.form, rows).parameters}
     except BadInputError as problem:
-        if thermometers:  # a form is by all of those that there were
+        if thermometers:  # a form is by all those of its campaign
             raise MissingConditionsError(entry.effect, thermometers) from problem
         raise model.fault(str(problem)) from problem
     for name, parameter in entry.parameters.items():
-        if name not in form and (unheard := _sides_of(name, effect, entry, rows, campaign) or lost):
-            raise MissingConditionsError(entry.effect, unheard)
+        if name not in form and (needed := _sides_of(name, effect, entry, rows, campaign) or lost):
+            raise MissingConditionsError(entry.effect, needed)
         if name not in form:
             said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
             raise model.fault(f"{said} under the conditions of this campaign{closest(name, form)}")
@@ -118,7 +118,7 @@ def _parameters_of(
 
 
 def _together(lacking: Sequence[MissingConditionsError]) -> MissingConditionsError:
-    """Return what to raise of all effects that need more: what would do for one instead of the load must do for all."""
+    """Return the one error for all effects that need more; what replaces the load must replace it for all of them."""
     effects = dict.fromkeys(problem.effect for problem in lacking)
     headings = dict.fromkeys(heading for problem in lacking for heading in problem.headings)
     instead = min((problem.instead for problem in lacking if LOAD in problem.headings), key=len, default=())
@@ -128,7 +128,7 @@ def _together(lacking: Sequence[MissingConditionsError]) -> MissingConditionsErr
 def _lacking(
     model: RobotModel, entry: EffectEntry, headings: Sequence[str], instead: Sequence[str] = ()
 ) -> BadInputError:
-    """Return what to raise of an effect that needs more; no time helps what was learned by the order of rows."""
+    """Return the error for an effect that needs more; no time helps one that was learned by the order of rows."""
     if [*headings] != ["time_s"] or not entry.learned or model.learned[entry.learned].timed:
         return MissingConditionsError(entry.effect, headings, instead)
     said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
@@ -136,7 +136,7 @@ def _lacking(
 
 
 def _sides_of(parameter: str, effect: Effect, entry: EffectEntry, rows: Conditions, campaign: Campaign) -> list[str]:
-    """Return the headings of sides of approach that nobody told, if with them a form would have a parameter."""
+    """Return the headings of sides of approach that are not given, if with them a form would have a parameter."""
     every = replace(rows, approach=np.ones(rows.drives.shape))
     if parameter not in {p.name for p in effect.form(entry.form, every).parameters}:
         return []
@@ -152,7 +152,7 @@ def changes_by_stack(
 ) -> tuple[RowChanges, tuple[str, ...]]:
     """Return what a model's effects change in the rows of a campaign.
 
-    As :func:`stack_of`, but that a condition that the campaign does not say is a ``refusal``.
+    As :func:`stack_of`, but a condition that the campaign does not state raises a ``refusal``.
     """
     try:
         local, untold = stack_of(model, campaign, nominal)
@@ -165,7 +165,7 @@ def changes_by_stack(
 
 
 def rows_untold(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
-    """Return :func:`rows_without` what the effects of a model go by, by its heading."""
+    """Return :func:`rows_without` what the effects of a model depend on, by its heading."""
     if not model.conditional:
         return {}
     robot, known = model.definition, all_effects(model.definition)
@@ -173,38 +173,38 @@ def rows_untold(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
     by = {heading for effect in effects for heading in sources((*effect.needs, *effect.shaped_by), robot)}
     if by.intersection(approach_names(robot)):
         by.add(CAME_FROM)
-    if any(map(_goes_by_forces, effects)):
+    if any(map(_depends_on_forces, effects)):
         by.add(LOAD)
     return {heading: rows for heading, rows in rows_without(campaign).items() if heading in by}
 
 
-def _unsaid(
+def _also_needed(
     effect: Effect, robot: RobotDefinition, given: Collection[str], lost: Collection[str]
 ) -> tuple[list[str], list[str]]:
-    """Return what of the lost headings an effect goes by, though it can be worked out without; forces for the load.
+    """Return those lost headings that an effect depends on though it can be computed without; forces for the load.
 
-    The links' own weight alone makes forces on drives: the load is asked for, or all forces that were measured.
+    The links' own weight alone puts forces on drives: so the load is required, or all forces that were measured.
     """
     shaped = [heading for heading in sources(effect.shaped_by, robot) if heading in lost and heading != LOAD]
     forces = [heading for heading in force_headings(robot) if heading in lost]
-    told = LOAD in given or forces_measured(robot, given) or not (forces or LOAD in lost)
-    if told or not _goes_by_forces(effect):
+    known = LOAD in given or forces_measured(robot, given) or not (forces or LOAD in lost)
+    if known or not _depends_on_forces(effect):
         return shaped, []
     return [*shaped, LOAD], forces if LOAD not in lost or forces_measured(robot, {*given, *forces}) else []
 
 
-def _goes_by_forces(effect: Effect) -> bool:
-    """Return whether an effect goes by what drives carry, which the load changes."""
+def _depends_on_forces(effect: Effect) -> bool:
+    """Return whether an effect depends on the forces on drives, which the load changes."""
     return "weight_n" in effect.shaped_by or any(need.endswith(FORCE) for need in effect.needs)
 
 
 def learned_ranges(effect: Effect, learned: LearnedCampaign, robot: RobotDefinition) -> dict[str, tuple[float, float]]:
-    """Return over what an effect was learned in a campaign, by heading in inner units.
+    """Return the ranges over which an effect was learned in a campaign, by heading, in inner units.
 
-    Where it goes by forces that were worked out, a load that the campaign did not say was taken to be none.
+    Where it depends on computed forces, a load that the campaign did not state was taken to be zero.
     """
     worked_out = robot.own_weight and not forces_measured(robot, learned.ranges)
-    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and worked_out and _goes_by_forces(effect) else {}
+    assumed = {LOAD: (0.0, 0.0)} if learned.ranges and worked_out and _depends_on_forces(effect) else {}
     return assumed | learned.ranges
 
 
@@ -215,7 +215,7 @@ def _is_known(parameter: EffectParameter) -> bool:
 def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]) -> dict[str, FloatArray]:
     """Return the change of local parameters that effects make together in n rows, (n,) each, in m and rad, by name.
 
-    The ``values`` are one a parameter, in its unit.
+    ``values`` has one for each parameter, in its unit.
     """
     total: dict[str, FloatArray] = {}
     for parameter, value in zip(parameters, values, strict=True):

@@ -1,11 +1,11 @@
-"""A robot whose effects depend on conditions, as it stands at each of many commands.
+"""A robot whose effects depend on conditions, as it is at each of many commands.
 
     robots = robots_under("found/model.yaml", poses, {"time_s": 3600.0, "leg1_degC": temperatures})
     robots[0].locate(poses[0])
 
-What effects change at a command is put into placements and drive offsets, so that all that a robot can do (locate,
-transfer, compensate, draw) it can do under conditions. A base that moves takes every joint that stands on it along: the
-robot is then seen from where its base stood by the drawing, or in the mean of the campaign where only frames tell.
+What effects change at a command is put into placements and drive offsets, so that a robot can do all that it can do
+(locate, transfer, compensate, draw) under conditions. A base that moves takes every joint on it along: poses are then
+relative to where the base was by the drawing, or in the mean of the campaign where only the frames show it.
 """
 
 import contextlib
@@ -57,17 +57,17 @@ from pouring_robot.robot.pouring_robot import PouringRobot, robot_of
 from pouring_robot.robot.robot import NUMBERS, Command, Robot
 
 Given = Mapping[str, ArrayLike | str | Sequence[str]]
-"""Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""
+"""Conditions by a campaign's heading: a number for all commands, or one for each; for ``session`` a name or names."""
 Found = TypeVar("Found", Compensation, DriveCompensation)
 _SETTLED, _MOST_TURNS = 1e-11, 25
-_ROUND_OFF = 1e-6  # of the largest: directions in which commands were tried by less tell nothing of their answers
+_ROUND_OFF = 1e-6  # of the largest: directions in which commands varied by less show nothing of their answers
 _SAME = 1e-6  # of its range: by how much a condition may lie beyond it
 
 
 def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     """Return conditions by quantity name, numbers in inner units.
 
-    Raises BadInputError if a heading is no condition of the robot, one is said twice, or a value is impossible.
+    Raises BadInputError if a heading is no condition of the robot, one is given twice, or a value is impossible.
     """
     if not hasattr(given, "items"):  # those of a data frame will do
         said = "conditions are a mapping by a campaign's heading, such as {'payload_kg': 400}"
@@ -88,7 +88,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             found[quantity.name] = values
             continue
         try:
-            # What is masked nobody said.
+            # Masked values are not given.
             numbers = np.where(np.ma.getmaskarray(np.ma.asarray(values)), np.nan, real(values))
         except (TypeError, ValueError):
             numbers = np.array(np.nan)
@@ -106,9 +106,9 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
 
 
 def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
-    """Return the conditions that stand beside the commands of a table, by heading.
+    """Return the conditions that a table has besides its commands, by heading.
 
-    Raises TableError if the file cannot be read, or a condition is missing in a row or no number.
+    Raises TableError if the file cannot be read, or a condition is missing in a row or is not a number.
     """
     table, found = read_table(path, "time_s"), dict[str, FloatArray | tuple[str, ...]]()
     known = condition_headings(robot)
@@ -122,13 +122,13 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 
 
 class RobotUnderConditions:
-    """A robot as built, or the one of a model, under conditions: what its model's effects do by them comes on top.
+    """A robot as built, or the one of a model, under conditions: it also has what its model's effects do under them.
 
     Raises:
         BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.
     """
 
-    notes: tuple[str, ...] = ()  # what one should know of the commands and conditions asked for last, in a line each
+    notes: tuple[str, ...] = ()  # what to know about the commands and conditions of the last call, a line each
 
     def __init__(self, robot: Robot | RobotModel | Path | str, given: Given) -> None:
         self.robot = robot if isinstance(robot, Robot) else robot_of(RobotModel.of(robot))
@@ -148,12 +148,12 @@ class RobotUnderConditions:
         return f"<{type(self).__name__}: {' '.join(*model.named.items())}, {effects} under {under}>"
 
     def robots(self, drives: ArrayLike) -> list[Robot]:
-        """Return the robot as it stands at each command: drives (n, drives), in m and rad.
+        """Return the robot as it is at each command: drives (n, drives), in m and rad.
 
         Raises:
             MissingConditionsError: effects need conditions that are not given.
-            BadInputError: there are not as many values of a condition as commands, drives are none, or conditions are
-                given and nothing in the model depends on any.
+            BadInputError: there are not as many values of a condition as commands, drives are no drive values, or
+                conditions are given and nothing in the model depends on any.
             NoSolutionError: the drawing does not close at a command.
         """
         if self.given and not self.robot.model.conditional:
@@ -167,13 +167,13 @@ class RobotUnderConditions:
     def seen(self, drives: ArrayLike) -> tuple[list[Robot], FloatArray]:
         """Return :meth:`robots`, and the relative error of the measuring device's scale at each command, (n,).
 
-        It moves no robot, but what is measured of it: positions count 1 + scale times about the device's own origin, as
-        :meth:`OuterFrames.seen` has it. Raises as :meth:`robots`.
+        The scale does not move the robot, but its measured positions: they are 1 + scale times as far from the device's
+        own origin, as in :meth:`OuterFrames.seen`. Raises as :meth:`robots`.
         """
         return self._at(drives, seen=True)
 
     def _at(self, drives: ArrayLike, *, seen: bool) -> tuple[list[Robot], FloatArray]:
-        """Return robot and device's scale at each command; with what is wrong with the device where ``seen``."""
+        """Return the robot and the device's scale at each command; with errors of the device where ``seen``."""
         drives, self.notes = self.robot.commands_of(drives), ()
         if not self.robot.model.conditional or not len(drives):
             return [self.robot] * len(drives), np.zeros(len(drives))
@@ -190,13 +190,13 @@ class RobotUnderConditions:
         try:
             return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))], changes.scale
         except TooLargeError as problem:
-            if far := self._far_out(drives, beyond):  # no unit is wrong
+            if far := self._far_out(drives, beyond):  # that, and no wrong unit, is the reason
                 mend = "stay within that, or measure there and diagnose again"
                 raise self.robot.model.fault(f"{far}; there {problem.problem}; {mend}") from problem
             raise
 
     def idle(self, drives: ArrayLike) -> tuple[str, ...]:
-        """Return the conditions, by heading, without which the :meth:`robots` at commands would stand the same."""
+        """Return the conditions, by heading, without which the :meth:`robots` at commands would be the same."""
         headings = {quantity.name: quantity.canonical for quantity in self.definition.condition_columns}
         stands, found = [robot.model for robot in self.robots(drives)], []
         for name in self.given:
@@ -225,14 +225,14 @@ class RobotUnderConditions:
             metadata=CampaignMetadata(),
             lines=np.arange(1, count + 1),
             samples=("",) * count,
-            sessions=tuple(session.tolist()),  # numbers that do not count name none
+            sessions=tuple(session.tolist()),  # of numbers only whole ones are names
             headings={},
             ignored_columns=(),
             **arrays_from(numbers, self.definition),
         )
 
     def _standing(self, changes: RowChanges, row: int, sites: Sequence[str]) -> Robot:
-        """Return the robot as changes displace its sites, by joint, and shift its drives and base in a row."""
+        """Return the robot with the changes of a row: displaced sites, by joint, and shifted drives and base."""
         base, moved = changes.base[row], placements(sites, changes.placements[row].reshape(-1, 6))
         drives = zip(self.definition.loops.drives, changes.drives[row].tolist(), strict=True)
         model = self.robot.model.displaced(moved, {joint: shift for joint, shift in drives if shift})
@@ -241,7 +241,7 @@ class RobotUnderConditions:
         return self.robot.built_as(model)
 
     def _carried(self, model: RobotModel, shift: pin.SE3) -> dict[str, pin.SE3]:
-        """Return how joints of a model are displaced as the base moves; DescriptionError where no joints do as much."""
+        """Return how a moving base displaces joints of a model; DescriptionError where no joints can represent it."""
         mechanism, loops, built = self.robot.nominal_solver.mechanism, self.definition.loops, model.displacements()
         above, paths = carrier(mechanism.shared_model, loops.base_frame), mechanism.frame_paths
         pairs = [(paths[loop.frame_a], paths[loop.frame_b]) for loop in loops.loops]
@@ -261,7 +261,7 @@ class RobotUnderConditions:
         return carried
 
     def _beyond(self, told: Mapping[str, FloatArray]) -> dict[str, str]:
-        """Return by heading, in a line each, the drives and conditions that lie beyond what was learned."""
+        """Return, by heading, a line for each drive and condition beyond the range in which effects were learned."""
         lines = dict[str, str]()
         for heading, (low, high) in self._learned_over.items():
             if heading in told:
@@ -273,7 +273,7 @@ class RobotUnderConditions:
         return lines
 
     def _far_out(self, drives: FloatArray, beyond: Mapping[str, str]) -> str:
-        """Return which conditions beyond what was learned are why there are no robots; "" where others are."""
+        """Return which conditions beyond the learned range are why there are no robots; "" where that is not why."""
         ranges, nearer = self._learned_over, copy.copy(self)
         names = {q.name: q.canonical for q in self.definition.condition_columns if q.canonical in beyond}
         if not names:
@@ -287,7 +287,7 @@ class RobotUnderConditions:
 
     @functools.cached_property
     def _learned_over(self) -> dict[str, tuple[float, float]]:
-        """From where to where each drive and condition went where effects were learned, by heading."""
+        """Range of each drive and condition over which effects were learned, by heading."""
         found, known = dict[str, tuple[float, float]](), all_effects(self.definition)
         for entry in (entry for entry in self.robot.model.effects if not entry.placed):
             learned = self.robot.model.learned[entry.learned]
@@ -308,11 +308,11 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
 
 
 def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Any]:
-    """Return a robot as it stands at each command under conditions; a robot as any other each.
+    """Return a robot as it is at each command under conditions; each is a robot like any other.
 
     Commands are poses of the pouring robot, or drive values in m and rad, in the order in which they are reached;
-    conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given of sides
-    of approach follows from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
+    conditions go by a campaign's heading, such as ``leg1_degC``: a number, or one per command. Sides of approach that
+    are not given follow from the order of the commands. Raises as :class:`RobotUnderConditions` and its ``robots``.
     """
     under = RobotUnderConditions(model, given)
     return under.robots(_drives(under.robot, commands))
@@ -331,8 +331,8 @@ def compensate_under(
 ) -> list[Found]:
     """Return what brings a robot to wanted poses, where what its effects do depends on what is commanded.
 
-    The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move;
-    ``bring`` compensates a robot that stands still, for the pose of a number.
+    The robot as it is at the last commands is compensated for the poses, until commands no longer change; ``bring``
+    compensates such a robot, which does not change, for the pose of a number.
 
     Raises UnsettledCommandsError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
@@ -348,17 +348,17 @@ def compensate_under(
         moved = np.abs(answers[-1] - commands).max(axis=1)
         show("compensating", int(np.count_nonzero(moved <= _SETTLED)), len(commands))
         if (moved <= _SETTLED).all() or not under.robot.model.conditional:
-            # How far off it is without is said of the command that was wanted: the first turn's.
+            # The error without compensation is that of the wanted command: from the first iteration.
             return [replace(one, before=begun.before) for one, begun in zip(found, first, strict=True)]
         commands = np.where((moved > _SETTLED)[:, None], _mixed(np.array(tried), np.array(answers)), commands)
     raise UnsettledCommandsError(int(moved.argmax()) + 1, float(moved.max()))
 
 
 def _mixed(tried: FloatArray, answers: FloatArray) -> FloatArray:
-    """Return commands that answer themselves, (n, D), as far as those tried and their answers, (m, n, D), foretell.
+    """Return the fixed-point commands, (n, D), that those tried and their answers, (m, n, D), predict.
 
     Anderson's mixing (Walker & Ni, Anderson acceleration for fixed-point iterations, 2011): a secant method for each
-    command, which finds them also where soft parts take answers further away, turn by turn.
+    command, which also converges where compliant parts make plain iteration diverge.
     """
     last = tried.shape[2] + 1
     missed, answers = np.moveaxis((answers - tried)[-last:], 0, 2), np.moveaxis(answers[-last:], 0, 2)

@@ -1,4 +1,4 @@
-"""Families of effects of drives: zeros, scales, errors that return with every turn, lost motion."""
+"""Families of effects of drives: zeros, scales, coupling, errors that repeat with every turn, backlash."""
 
 import functools
 import math
@@ -18,27 +18,27 @@ from pouring_robot.robot.description.drive import Drive
 _SHOWN_ORDERS = 3
 _FINE, _SMALL = 1e-4, 1e-3
 _GEAR = 10.0
-"""In mrad/rad, of a ratio and of what is coupled by gears: a tooth of a hundred, as a strain-wave gear of 100 turns 101
-to one on its other spline."""
+"""In mrad/rad, of a gear ratio or a coupling by gears: one tooth of a hundred, as a strain-wave gear of 100 to 1 turns
+101 to one on its other spline."""
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
 _ONCE, _OVAL = "_once", 2  # a form of one joint, up to this order
 
 _PRESSED = "pressed_from_"
 _PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
-"""Forces that press a nut against friction, over the usual one: a third to three, by R40 of the preferred numbers."""
-_NO_FORCE = 1e-9  # N, Nm: what round-off makes of the force on a drive that carries nothing, as one about the vertical
+"""Forces that overcome a nut's friction, relative to the usual one: a third to three, by R40 of preferred numbers."""
+_NO_FORCE = 1e-9  # N, Nm: round-off in the force on a drive that carries nothing, such as one about the vertical
 
 
 @dataclass(eq=False)
 class ZeroOffset(Family):
     """Constant error of drives."""
 
-    driven_by: str = "position_m"  # condition that must vary so that it shows
+    driven_by: str = "position_m"  # condition that must vary for it to be observable
     size: float = 1.0  # usual one, in mm or mrad
     _HOMING = 0.02
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All drives, or one alone; each session's homing may scatter by a fiftieth."""
+        """All drives, or one alone; homing may scatter between sessions by a fiftieth of the usual size."""
         sessions = len(conditions.session_shares)
         homing = [
             of_drive(d, f"homing_session_{s + 1}", self._HOMING * self.size, conditions.in_session(s), main=False)
@@ -56,17 +56,17 @@ class ZeroOffset(Family):
 
 @dataclass(eq=False)
 class DriveScale(Family):
-    """Error in proportion to the stroke of sliding drives: another lead, another gear; perhaps with a build-up."""
+    """Error in proportion to the stroke of sliding drives: a wrong lead or gear ratio; perhaps with a build-up."""
 
-    middle_m: float = 0.0  # of the stroke; at 0 it counts from there
+    middle_m: float = 0.0  # of the stroke; 0: it counts from zero, and there are no forms from a home
     half_stroke_m: float = 1.0  # to either side
-    # whether a lead that changes along the stroke makes the effect, too, as on a spool whose line lies in layers; if
-    # not, it only shapes it
+    # whether a lead that changes along the stroke is a main parameter, too, as on a spool whose line lies in layers; if
+    # not, it only shapes the effect
     build_up: bool = False
     driven_by = "lengths_m"
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
-        """Of leads that change along the stroke: each drive's lead where it counts from, and how it changes."""
+        """For leads that change along the stroke: each drive's error of lead at zero, and how it changes."""
         if not self.build_up:
             return ()
         lines = []
@@ -75,26 +75,26 @@ class DriveScale(Family):
             if not any(name in values for _, name in names):  # a form of another drive alone
                 continue
             # Relative, each with its standard deviation; the lead is the derivative of the error by the length.
-            lead, more = (MM * k * np.array([told.get(n, 0.0) for told in (values, stds)]) for k, n in names)
+            lead, more = (MM * k * np.array([known.get(n, 0.0) for known in (values, stds)]) for k, n in names)
             per, unit = (1e6, "ppm") if Z95 * lead[1] < _FINE else (100.0, "%")
-            line = f"{drive.words}: its lead is {_told(per * lead, unit)} off at zero"
-            line += f", {_told(per * more, unit)} more a metre"
+            line = f"{drive.words}: its lead is {_with95(per * lead, unit)} off at zero"
+            line += f", {_with95(per * more, unit)} more a metre"
             if turn := drive.per_turn:
                 a_turn, change = turn / MM * (lead + np.array([1.0, 0.0])), turn / MM * more
-                line += f", or {_told(a_turn, 'mm').removeprefix('+')} a turn, {_told(change, 'mm')} a metre of stroke"
+                each_turn = _with95(a_turn, "mm").removeprefix("+")
+                line += f", or {each_turn} a turn, {_with95(change, 'mm')} a metre of stroke"
             lines.append(f"{line} (95 %)")
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the length, or to the stroke from where it was homed; the lead may change along it.
+        """In proportion to the length, or to the stroke from the home; the lead may change along it.
 
-        Of all drives, or of one alone by its length.
+        Of all drives, or by length of one alone.
 
-        Lengths count from where the controller's count is zero. Homes are in the middle or at an end of the stroke, or
-        not far from there.
+        Lengths count from the controller's zero. Homes are in the middle or at an end of the stroke, or near there.
         """
         lengths = conditions.from_zero
-        # A spool is as its lead says where its count is zero; a worn screw, on average over its stroke.
+        # A spool has its nominal lead where its count is zero; a worn screw has it on average over its stroke.
         mean = 0.0 if self.build_up else self.half_stroke_m**2 / 3.0
         bent, size = (lengths - self.middle_m) ** 2 - mean, 1.0 if self.build_up else 0.5
         each = functools.partial(of_each, conditions, self.drives)
@@ -114,29 +114,29 @@ class DriveScale(Family):
 
 @dataclass(eq=False)
 class Ratio(Family):
-    """Error in proportion to the angle of turning drives: another gear ratio, another count a turn."""
+    """Error in proportion to the angle of turning drives: a wrong gear ratio or count per turn."""
 
     driven_by = "angles_rad"
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
-        """By how much further each drive turns than its command says, as a share, and how far off its zero then is."""
+        """By what share each drive turns further than commanded, and by how much its zero is then off."""
         lines = []
         for drive in self.drives:
             if (name := f"{drive.symbol}_scale") in values:  # not in a form of another drive alone
                 share, std = MRAD * values[name], MRAD * stds.get(name, 0.0)
                 per, unit = (1e6, "ppm") if max(abs(share), Z95 * std) < _SMALL else (100.0, "%")
-                told = _told(per * np.array([share, std]), unit)
-                line = f"{drive.words}: it turns {told} further than its command says"
+                further = _with95(per * np.array([share, std]), unit)
+                line = f"{drive.words}: it turns {further} further than its command says"
                 if (home := f"{drive.symbol}_home") in values:
-                    off = _told(np.array([values[home], stds.get(home, 0.0)]), "mrad")
+                    off = _with95(np.array([values[home], stds.get(home, 0.0)]), "mrad")
                     line += f", and is {off} off where its count is zero"
                 lines.append(f"{line} (95 %)")
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the angle from where the count is zero, or from where it was homed; of all, or of one alone.
+        """In proportion to the angle from where the count is zero, or from the home; of all drives, or of one alone.
 
-        Homed a radian off, a ratio leaves as much of an offset as it adds in a radian.
+        If a drive was homed a radian from zero, a wrong ratio leaves as much of an offset as it adds in a radian.
         """
         angles = conditions.from_zero
         scale = of_each(conditions, self.drives, "scale", _GEAR, angles, per="/rad")
@@ -149,13 +149,13 @@ class Ratio(Family):
 
 @dataclass(eq=False)
 class Coupling(Family):
-    """A turning drive goes along with another one, in proportion: shafts, belts or rods lead past the other's joint."""
+    """A turning drive moves in proportion to another one: its shafts, belts or rods pass the other's joint."""
 
     driven_by = "angles_rad"
-    _PAST = 2  # joints that are led past: a hollow wrist has all its three motors behind it
+    _PAST = 2  # joints that are passed: a hollow wrist has all its three motors behind it
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Of one drive by one before it, from where the count of that is zero; or of two neighbours by each other."""
+        """One drive by one before it, counted from that one's zero; or two neighbours by each other."""
         turned = conditions.from_zero[:, conditions.places(self.drives)].T
 
         def along(k: int, other: int) -> EffectParameter:
@@ -172,8 +172,8 @@ class Coupling(Family):
         return tuple(forms)
 
 
-def _told(found: FloatArray, unit: str) -> str:
-    """Return a value and its standard deviation, (2,), as of a normal value, with the 95 % half width."""
+def _with95(found: FloatArray, unit: str) -> str:
+    """Return a normal value and its standard deviation, (2,), as text with the 95 % half width."""
     value, half = value_and_half_width(float(found[0]), abs(float(found[1])), math.inf)
     return f"{value} ± {half} {unit}"
 
@@ -183,10 +183,10 @@ class Periodic(Family):
     """Error of drives that is periodic in their own position."""
 
     sizes: Sequence[float] = (1.0, 0.25, 0.1)  # usual size of each order over the first; by default of a screw
-    # ``turn`` of the joint; ``pitch``: what a turn of the motor moves a sliding drive, by the robot file or the
+    # ``turn`` of the joint; ``pitch``: travel of a sliding drive per turn of the motor, by the robot file or the
     # campaign's screw pitch; or ``screw_pitch_m``: the campaign's
     period: str = "turn"
-    all_main: bool = False  # whether every order makes the effect; if not, higher ones only shape what the first makes
+    all_main: bool = False  # whether every order is a main parameter; if not, higher ones only shape the first
 
     def __post_init__(self) -> None:
         self.of_turn = self.period == "turn"
@@ -194,7 +194,7 @@ class Periodic(Family):
         if self.of_turn:
             self.driven_by = "angles_rad"
         elif stated:
-            # What states no lead has no screw, as a linear motor beside screws.
+            # A drive without a stated lead has no screw, such as a linear motor among screws.
             self.drives, self.driven_by = stated, "lengths_m"
         else:
             self.needs = ("screw_pitch_m",)
@@ -205,7 +205,7 @@ class Periodic(Family):
         return [conditions.learned_share(drive, 2.0 * np.pi / orders) for drive in drives]
 
     def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
-        """Of waves of a joint's turn: rows at angles far from all that were seen."""
+        """For harmonics of a joint's turn: rows at angles far from all measured ones."""
         alone = [drive for drive in self.drives if form == drive.symbol + _ONCE]
         drives, orders = (alone, _OVAL) if alone else (self.drives, len(self.sizes))
         learned = zip(drives, self._learned(conditions, drives, orders), strict=True)
@@ -213,12 +213,12 @@ class Periodic(Family):
         return {words: count for words, count in counts.items() if count}
 
     def in_words(self, values: Mapping[str, float], stds: Mapping[str, float]) -> tuple[str, ...]:
-        """Of many orders: how large the error of each drive is, and which orders are the largest."""
+        """For many orders: how large the error of each drive is, and which orders are the largest."""
         if not self.all_main:
             return ()
         lines = []
-        told = {name.rsplit("_", 2)[0] for name in values}
-        for drive in (d for d in self.drives if d.symbol in told):  # not in a form of another drive alone
+        symbols = {name.rsplit("_", 2)[0] for name in values}
+        for drive in (d for d in self.drives if d.symbol in symbols):  # not in a form of another drive alone
             orders = range(1, len(self.sizes) + 1)
             waves = [[values.get(f"{drive.symbol}_{name}_{order}", 0.0) for order in orders] for name, _ in _WAVES]
             sizes = np.hypot(*np.array(waves))
@@ -230,10 +230,10 @@ class Periodic(Family):
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Once a turn, and overtones, on a screw perhaps larger towards one end of it.
+        """Once per turn, with overtones; on a screw perhaps larger towards one end of it.
 
-        Of a joint's turn a disc makes the first order alone, of one joint, where it is off its centre; oval as well, it
-        shapes that by the second. What another campaign taught of it counts only at angles it had.
+        For a joint's turn also one joint alone: an eccentric disc makes the first order, which the second one shapes if
+        the disc is also oval. What was learned in another campaign counts only at angles measured there.
         """
         columns = conditions.places(self.drives)
         values = conditions.drives[:, columns].T
@@ -268,34 +268,35 @@ class Periodic(Family):
 
 @dataclass(eq=False)
 class Backlash(Family):
-    """Lost motion, by the side a drive was approached from."""
+    """Backlash (lost motion), by the side a drive was approached from."""
 
     middle_m: float = 0.0  # of the stroke of sliding drives
     half_stroke_m: float = 1.0  # to either side
-    group: str = ""  # the drives' own, where there are others
+    group: str = ""  # of the drives, where there are several
     shaped_by = ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
 
     def __post_init__(self) -> None:
         self.needs = (f"{self.group}{SIDES}" if self.group else "approach",)
 
-    def _told(self, conditions: Conditions) -> tuple[Drive, ...]:
-        """Return the drives of which it is known from where they came."""
+    def _with_side(self, conditions: Conditions) -> tuple[Drive, ...]:
+        """Return the drives whose side of approach is known."""
         if conditions.approach is None:
             return ()
         places = zip(self.drives, conditions.places(self.drives), strict=True)
         return tuple(drive for drive, k in places if conditions.approach[:, k].any())
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
-        """As of every effect; of drives whose side nobody knows nothing is said."""
-        return super().missing(conditions) or (() if self._told(conditions) else self.needs)
+        """As for every effect; also where no drive's side of approach is known."""
+        return super().missing(conditions) or (() if self._with_side(conditions) else self.needs)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke.
+        """Symmetrical, or on one side only; load may take up part of it, and wear may increase it along the stroke.
 
-        Free play itself lies on the flank that the force presses it to, where friction does not hold it (``pressed``).
+        With free play (``pressed``) the nut lies on the flank that the force presses it to, where friction does not
+        hold it.
         """
-        side, drives, loaded = np.asarray(conditions.approach), self._told(conditions), _loaded(conditions)
+        side, drives, loaded = np.asarray(conditions.approach), self._with_side(conditions), _loaded(conditions)
         sliding = tuple(d for d in drives if d.unit == "m")
         stroke = (conditions.drives - self.middle_m) / self.half_stroke_m
         shapes = [(sliding, "play_by_length", self._WORN, stroke), (sliding, "play_by_length_2", self._WORN, stroke**2)]
@@ -303,7 +304,7 @@ class Backlash(Family):
             carried = conditions.mean_force
             relative = np.abs(np.asarray(conditions.drive_force)) / np.maximum(carried, _NO_FORCE) - 1.0
             places = zip(drives, conditions.places(drives), strict=True)
-            # of a drive that carries nothing they would be its play once more, and share its size out among the names
+            # for a drive that carries nothing they would duplicate its play, and split its size among the names
             carrying = tuple(drive for drive, k in places if carried[k] > _NO_FORCE)
             shapes += [
                 (carrying, "play_by_load", self._LOADED, relative),
@@ -319,19 +320,19 @@ class Backlash(Family):
         return (*found, *(self._pressed(conditions, share) for share in (_PRESSING if loaded else ())))
 
     def form(self, name: str, conditions: Conditions) -> Form:
-        """As of every effect; a force to be pressed from may be any, whatever was searched."""
+        """As for every effect; but the force of a ``pressed`` form may be any, not only those searched."""
         share = re.fullmatch(_PRESSED + r"(\d*\.?\d+)", name)
         if share and _loaded(conditions):
             return self._pressed(conditions, float(share[1]))
         return super().form(name, conditions)
 
     def _pressed(self, conditions: Conditions, share: float) -> Form:
-        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
+        """Return free play on the flank that the force determines where it exceeds a share of the usual one.
 
-        Usual is what drives of its unit carry on average: alike nuts have like friction. Below, the nut lies where
-        friction drags it.
+        The usual force is the mean over drives of the same unit: similar nuts have similar friction. Below that share,
+        the nut lies where friction drags it.
         """
-        drives = self._told(conditions)
+        drives = self._with_side(conditions)
         places, units = conditions.places(drives), np.array([drive.unit for drive in drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
@@ -339,9 +340,9 @@ class Backlash(Family):
         dragged = np.asarray(conditions.approach)[:, places]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(drives))
-        return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
+        return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # several together would act like a spring
 
 
 def _loaded(conditions: Conditions) -> bool:
-    """Return whether the force on drives is known, also on average where shapes count from."""
+    """Return whether the forces on drives are known, and their mean in the campaign that shapes refer to."""
     return conditions.forces_known and conditions.mean_force.size > 0

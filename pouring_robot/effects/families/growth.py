@@ -1,7 +1,7 @@
-"""Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it.
+"""Families of thermal effects: drives and links grow. Thermometers are biased and lag; forms allow for this.
 
-They go by measured temperatures, of the pouring robot, too; what is computed from its melt stands in
-:mod:`pouring_robot.thermal.expansion.leg_growth`. Of both at once ``twice_lines`` of ``cli/poses/heat.py`` warns.
+They use measured temperatures, also for the pouring robot; what is computed from its melt is in
+:mod:`pouring_robot.thermal.expansion.leg_growth`. ``twice_lines`` of ``cli/poses/heat.py`` warns of both at once.
 Which links carry what: :mod:`pouring_robot.effects.carried`.
 """
 
@@ -23,20 +23,20 @@ _Shape = tuple[str, float, dict[str, FloatArray]]
 _PPM = 1e-6
 STEEL_PPM = 12.0  # per kelvin
 _BIAS_K = 4.0
-_OWN = 0.3  # share by which a part may grow otherwise than the others: another steel, another length that is hot
+_OWN = 0.3  # share by which the growth of a part may differ from the others': another steel, another heated length
 _LAGS_S = (150.0, 600.0, 2400.0)
-"""Time constants of a part behind its thermometer, from thin to thick: three span all between them."""
+"""Time constants with which a part lags its thermometer, from thin to thick: their sums represent all between."""
 
 
 def _late(conditions: Conditions, rise: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Yield by how much parts that lag are warmer than their thermometers say, with a name each."""
+    """Yield by how much lagging parts are warmer than their thermometers, with a name each."""
     for lag_s in _LAGS_S:
         yield f"lag_{lag_s:.0f}_s", conditions.behind(rise, lag_s) - rise
 
 
 @dataclass(eq=False, kw_only=True)
 class DriveGrowth(Family):
-    """Sliding drives are longer with their temperature, each with its own thermometer."""
+    """Sliding drives expand with their temperature, each with its own thermometer."""
 
     thermometers: str  # kind of the thermometers on them
     neighbour: str  # thermometer at their end, if there is one
@@ -45,7 +45,7 @@ class DriveGrowth(Family):
         self.needs, self.shaped_by = (f"{self.thermometers}{RISE}",), (f"{self.neighbour}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All of its length, or a rod of its own length; the thermometer may be biased, lag, or see another part."""
+        """The whole length, or a rod of constant length; thermometers may be biased, lag, or measure another part."""
         lengths = conditions.spans[:, conditions.places(self.drives)]
         usual = conditions.mean_span_m[conditions.places(self.drives)].mean()
         whole, rod = lengths, np.full_like(lengths, usual)
@@ -55,15 +55,15 @@ class DriveGrowth(Family):
         )
 
     def _parameters(self, conditions: Conditions, length: FloatArray, other: FloatArray) -> tuple[EffectParameter, ...]:
-        """Return the parameters where so much length (n, D) of each drive is hot, or some of another one."""
+        """Return the parameters for a heated ``length``, (n, D), of each drive, perhaps with a share of another one."""
         std, thermometers = STEEL_PPM, conditions.causes.drive_thermometers
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
 
         shapes = [("other_length", 1.0, other * rise)]
         shapes += [(name, 0.7, length * course) for name, course in _late(conditions, rise)]
-        beside = conditions.rises.get(self.neighbour)
-        if beside is not None:
-            shapes.append((f"{self.neighbour}_share", 0.2, length * (beside[:, None] - rise)))
+        neighbour = conditions.rises.get(self.neighbour)
+        if neighbour is not None:
+            shapes.append((f"{self.neighbour}_share", 0.2, length * (neighbour[:, None] - rise)))
         changes = functools.partial(of_drives, self.drives, _PPM)
         found = [EffectParameter("expansion", "1e-6/K", std, changes(length * rise), bounds=(0.0, np.inf))]
         found += [EffectParameter(n, "1e-6/K", size * std, changes(course), main=False) for n, size, course in shapes]
@@ -76,7 +76,7 @@ class DriveGrowth(Family):
 
 
 def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
-    """Return what growth along a course (n,), in 1e-6, displaces: joints by places on it, (3,) or (3, n), in m."""
+    """Return the displacements by a growth (n,), in 1e-6, of joints by their places on it, (3,) or (3, n), in m."""
     return {
         f"{joint}.t{axis}": _PPM * course * along
         for joint, place in places.items()
@@ -86,7 +86,7 @@ def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, Fl
 
 @dataclass(eq=False, kw_only=True)
 class LinkGrowth(Family):
-    """One link grows with its temperature and carries the joints on it apart."""
+    """One link expands with its temperature and moves the joints on it apart."""
 
     joints: tuple[str, ...]  # on the link
     thermometer: str  # of the link
@@ -95,7 +95,7 @@ class LinkGrowth(Family):
         self.needs = (f"{self.thermometer}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
+        """Uniform about its origin; single joints may deviate, the thermometer be biased, the link lag its surface."""
         rise, std, known = conditions.rises[self.thermometer], STEEL_PPM, standing(conditions.robot)
         places = {joint: lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
@@ -109,7 +109,7 @@ class LinkGrowth(Family):
 
 
 class LinksGrowth(Family):
-    """All links and sliding drives grow, by any thermometer there is."""
+    """All links and sliding drives expand, by whatever thermometers there are."""
 
     driven_by, instead = "ambient_rise_k", "<link>_degC of any link"
 
@@ -118,7 +118,7 @@ class LinksGrowth(Family):
         return () if conditions.rises else ("ambient_rise_k",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All with one thermometer, or each part with its own, which may have a share of its own; it may lag."""
+        """All parts by one thermometer, or each by its own, perhaps with a share of its own; parts may lag."""
         parts = {name for name, _ in standing(conditions.robot).values()}
         parts |= {name for name, drives in conditions.robot.groups.items() if drives[0].unit == "m"}
         own = [name for name in conditions.rises if name in parts]
@@ -128,15 +128,15 @@ class LinksGrowth(Family):
         return tuple(itertools.chain.from_iterable(self._forms(name, conditions, *way) for name, way in ways.items()))
 
     def _forms(self, name: str, conditions: Conditions, own: Sequence[str], other: str) -> Iterator[Form]:
-        """Yield the forms that parts follow their own thermometers, and all others another one, if it is there.
+        """Yield the forms in which parts follow their ``own`` thermometers, and all others the ``other``, if it exists.
 
-        What measures a slide's travel, a screw or a scale of glass, grows like the frame, not at all, or alone, by its
-        own friction or in a frame of granite. From where on it grows, where it is held fast, no file says.
+        What measures a slide's travel, a screw or a glass scale, grows like the frame, not at all, or alone (by its own
+        friction, or in a granite frame). No file states where it is fixed, that is from where on it grows.
         """
         prior_std, robot = STEEL_PPM, conditions.robot
-        places = robot.drawing().engine.structure.placed_joints  # which make the pose, also those made as drawn
+        places = robot.drawing().engine.structure.placed_joints  # all that affect the pose, also those made as drawn
         moved = grown_places(robot, places) + chain_ends(robot, places)
-        # What moves the end frame alone moves it as the base would, and what moves the base frame the other way round.
+        # A shift of the end frame alone equals one of the base; a shift of the base frame, the opposite one.
         moved += [("base", link, -place) for link, place in carried(robot, robot.loops.base_frame, places)]
         behind = carried(robot, robot.loops.end_frame, places) if robot.loops.end_frame else ()
         moved += [("base", link, (conditions.rotation @ place).T) for link, place in behind]
@@ -168,17 +168,17 @@ class LinksGrowth(Family):
         ways = {"": (lambda rises: frame(rises) | slides(rises), scales, held)}
         if ends:
             ways |= {"_frame_alone": (frame, scales, []), "_drives_alone": (slides, links, held)}
-        for which, (changes, beside, more) in ways.items():
+        for which, (changes, share, more) in ways.items():
             shapes = [(f"lag_{lag_s:.0f}_s", 0.7, changes(rises)) for lag_s, rises in late]
             if len(followed) > 1:
                 shapes += [(f"{by}_share", 0.3, changes({by: rise})) for by, rise in followed.items()]
             main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-            shaped = [(n, "1e-6/K", s * prior_std, c) for n, s, c in (*shapes, beside) if c]
+            shaped = [(n, "1e-6/K", s * prior_std, c) for n, s, c in (*shapes, share) if c]
             if main.changes or not which:
                 yield Form(f"{name}{which}", (main, *more, *(EffectParameter(*one, main=False) for one in shaped)))
 
 
 def _parts_of(drive: Drive, conditions: Conditions) -> tuple[str, ...]:
-    """Return what may have a thermometer that says how warm a slide's screw or scale is: its groups, then its link."""
+    """Return the parts whose thermometers may measure a slide's screw or scale: its groups, then its link."""
     groups = (group for group, drives in conditions.robot.groups.items() if drive in drives)
     return (*groups, conditions.causes.drive_thermometers.get(drive.joint, ""))

@@ -14,12 +14,12 @@ Parameters = tuple[EffectParameter, ...]
 
 
 def _usual(conditions: Conditions) -> TolerancesByKind:
-    """Return usual sizes: the tolerances of parts that nobody has measured."""
+    """Return the usual sizes: the tolerances of unmeasured parts."""
     return Tolerances.of(conditions.robot).kinds
 
 
 def place_parameters(conditions: Conditions) -> dict[str, Parameters]:
-    """Return three parameters for each joint whose place counts, as large as the tolerance of an unmeasured part."""
+    """Return up to three displacements for each joint whose place matters, each the tolerance of an unmeasured part."""
     placements, change = conditions.causes.placements, MM * np.ones(len(conditions))
     std_mm = _usual(conditions).joint_centre.std
     return {
@@ -32,7 +32,7 @@ def place_parameters(conditions: Conditions) -> dict[str, Parameters]:
 
 
 def axis_parameters(conditions: Conditions) -> dict[str, Parameters]:
-    """Return the tilts of each joint's axis, by joint: only this axis turns, if the next joint is to stay.
+    """Return the tilts of each joint's axis, by joint; the next joint is turned back where it is to stay.
 
     They are as large as the tolerance of an unmeasured part.
     """
@@ -48,7 +48,7 @@ def axis_parameters(conditions: Conditions) -> dict[str, Parameters]:
 
 
 def _twists(conditions: Conditions) -> Parameters:
-    """Return the twists of what comes behind joints about their own axes."""
+    """Return the twists, about joints' own axes, of what follows them."""
     std_mrad, change = _usual(conditions).joint_axis.std, MRAD * np.ones(len(conditions))
     twists = conditions.causes.placements.twists.items()
     return tuple(EffectParameter(name, "mrad", std_mrad, {f"{joint}.rz": change}) for name, joint in twists)
@@ -63,7 +63,7 @@ def together(found: Mapping[str, Parameters]) -> Parameters:
 class JointCentres(Family):
     """Joints displaced."""
 
-    driven_by: str = ""  # condition that must vary so that it shows
+    driven_by: str = ""  # condition that must vary for it to be observable
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All places."""
@@ -83,8 +83,8 @@ class JointCentres(Family):
 class AxisTilts(Family):
     """Axes tilted."""
 
-    driven_by: str = ""  # condition that must vary so that it shows
-    joints: Mapping[str, tuple[str, ...]]  # of whose axes alone forms are, by form; that without joints has the twists
+    driven_by: str = ""  # condition that must vary for it to be observable
+    joints: Mapping[str, tuple[str, ...]]  # joints whose axes alone make a form, by form; one without has the twists
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All axes, and twists."""
@@ -108,7 +108,7 @@ class Placement(Family):
         return together(place_parameters(conditions)) + together(axis_parameters(conditions))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All places and axes, all of one kind, those of a single joint, or one of them, as a length of the drawing."""
+        """All places and axes, all of one kind, those of one joint, or a single one, such as a drawing's length."""
         places, axes = place_parameters(conditions), axis_parameters(conditions)
         kinds = {"places": together(places), "axes": together(axes)}
         every = kinds["places"] + kinds["axes"]

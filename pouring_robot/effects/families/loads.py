@@ -15,20 +15,20 @@ from pouring_robot.mechanism.weight_on_joints import up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _LATER = 0.2
-_LEAST = 1e-4  # share of the usual force, or of a newton carried, below which weight is taken to put none on a drive
-_ROUND_OFF = 1e-12  # share of a direction that an axis of the base has no part in
-_UPRIGHT = 1e-3  # sine of the angle to the vertical below which a travel is one that lifts
-_OWN = 0.5  # by how much one drive may be softer than the others
-_ORDERS = 6  # of a beam's line under a load that moves along it: x^3 (1 - x)^3 where its ends are built in
+_LEAST = 1e-4  # share of the usual force, or of a newton carried, below which the force on a drive counts as none
+_ROUND_OFF = 1e-12  # component of a direction along an axis below which it counts as none
+_UPRIGHT = 1e-3  # sine of the angle to the vertical below which a travel counts as vertical
+_OWN = 0.5  # by how much more compliant one drive may be than the others
+_ORDERS = 6  # of a beam's deflection under a load that moves along it: x^3 (1 - x)^3 where its ends are built in
 
 
 def _at(load: float, unit: str) -> str:
-    """Return in words at which load a size is given."""
+    """Return in words at which load a size is stated."""
     return f"at {load / 1e3:g} k{unit}" if load >= 1e3 else f"at {load:g} {unit}"
 
 
 def _hertzian(load: FloatArray) -> FloatArray:
-    """Return how contacts of balls or teeth yield: with the power 2/3."""
+    """Return how contacts of balls or teeth yield: by the load to the power 2/3."""
     return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
 
 
@@ -40,9 +40,9 @@ def _along(what: str, direction: FloatArray, course: FloatArray) -> dict[str, Fl
 
 @functools.lru_cache(maxsize=16)
 def _level(robot: RobotDefinition, travel: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the directions up, level across a travel, and level along it, in base axes, (3,) each.
+    """Return the directions up, horizontal across a travel, and horizontal along it, in base axes, (3,) each.
 
-    Where the travel leads nowhere level, which ways are across and along is a matter of names.
+    For a vertical travel, which directions are across and along is a convention.
     """
     mechanism = robot.mechanism()
     up, ways = up_in_base(mechanism), [*np.eye(3)[[1, 2, 0]]]
@@ -58,18 +58,18 @@ def _level(robot: RobotDefinition, travel: str) -> tuple[FloatArray, FloatArray,
 
 @dataclass(eq=False, kw_only=True)
 class _Yielding(Family):
-    """Drives of a group yield under what weight puts on them."""
+    """Drives of a group yield under the forces that weight puts on them."""
 
-    group: str  # they are
-    load: float  # at which the yield is given, in N or Nm
+    group: str  # of the drives
+    load: float  # at which the yield is stated, in N or Nm
 
     def __post_init__(self) -> None:
         self.needs = (f"{self.group}{FORCE}",)
 
     def acts(self, conditions: Conditions) -> bool:
-        """Where weight loads any of them: the robot's own, or what it carries or might carry.
+        """Whether weight loads any of them: the robot's own, or that of what it carries or might carry.
 
-        The axis of a drive that stands upright, or the slide that lies level, are so to what a drawing rounds off.
+        A vertical axis of a drive, or a horizontal slide, is so only within the rounding of a drawing.
         """
         parts = ((conditions.drive_force, self.load), (conditions.force_by_weight, 1.0))
         places = conditions.places(self.drives)
@@ -80,13 +80,13 @@ class _Yielding(Family):
 class AxialCompliance(_Yielding):
     """Sliding drives stretch under the force along them."""
 
-    length_m: float  # of a rod that stretches as much by itself
+    length_m: float  # of a rod for which the stretch is stated
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
+        """Rods (by force and length), nuts and bearings (by force), ball contacts (by the force to the power 2/3)."""
         places = conditions.places(self.drives)
         pull = np.asarray(conditions.drive_force)[:, places] / self.load
-        rod = pull * np.abs(conditions.spans[:, places]) / self.length_m  # whichever way from zero it is drawn out
+        rod = pull * np.abs(conditions.spans[:, places]) / self.length_m  # whichever way from zero it extends
         at, changes = f" {_at(self.load, 'N')}", functools.partial(of_drives, self.drives, MM)
         stiffening = EffectParameter("stiffening", f"mm{at}", _LATER, changes(pull * np.abs(pull)), main=False)
         share = EffectParameter("rod_share", f"mm{at}", 0.3, changes(rod - pull), main=False)
@@ -103,8 +103,8 @@ class AxialCompliance(_Yielding):
 class TorsionalCompliance(_Yielding):
     """Turning drives yield to the moment on them."""
 
-    # moment that each drive is made for, in Nm; by default alike. Of like shape and material at like stress, gears wind
-    # up by like angles: one made for less is softer in proportion. How soft all are together does not hang on it.
+    # rated moment of each drive, in Nm; by default all alike. Gears of similar shape and material under the same stress
+    # wind up by the same angle: one rated for less is more compliant in proportion. The mean of all does not change.
     strengths: Sequence[float] = ()
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ class TorsionalCompliance(_Yielding):
         self.sizes = (np.exp(np.log(strong).mean()) / strong).tolist()
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
+        """In proportion to the moment, or to its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
         moments = np.asarray(conditions.drive_force)[:, conditions.places(self.drives)] / self.load
         unit = f"mrad {_at(self.load, 'Nm')}"
         courses = {"spring": moments, "contact": _hertzian(moments)}
@@ -137,18 +137,18 @@ class TorsionalCompliance(_Yielding):
 class BearingCompliance(Family):
     """Joints of an open chain tilt under the moment of what they carry: their bearings and the links that hold them.
 
-    A sliding joint is a beam that is drawn out: how far it tilts hangs on how far it is out, too.
+    A sliding joint is a beam that is extended: how far it tilts also depends on its extension.
     """
 
-    load: float  # moment at which tilts are given, in Nm
+    load: float  # moment at which tilts are stated, in Nm
     tilts: Mapping[str, Mapping[str, Sequence[float]]]  # joint → about what it may tilt: directions in its placement
-    sizes: Mapping[str, float]  # joint → how soft it is expected to be beside the others
+    sizes: Mapping[str, float]  # joint → its expected compliance relative to the others
     strokes: Mapping[str, tuple[float, float]]  # sliding joint → middle and half of its stroke, in m
     needs = ("joint_moments",)
     shaped_by = ("weight_n",)
 
     def acts(self, conditions: Conditions) -> bool:
-        """Where what joints carry has a moment across their axes, to what a drawing rounds off."""
+        """Whether what joints carry has a moment across their axes, beyond the rounding of a drawing."""
         about = (self._moment(conditions, joint, way) for joint, ways in self.tilts.items() for way in ways.values())
         return any(np.abs(moment).max() > _LEAST * self.load for moment in about)
 
@@ -161,16 +161,16 @@ class BearingCompliance(Family):
 
     @staticmethod
     def _moment(conditions: Conditions, joint: str, way: Sequence[float]) -> FloatArray:
-        """Return the moment on a joint about a direction in its placement, (n,), in Nm; none where nobody says it."""
+        """Return the moment on a joint about a direction in its placement, (n,), in Nm; 0 where it is not known."""
         moments = conditions.joint_moments or {}
         shares = (share * moments.get(f"{joint}.r{axis}", 0.0) for axis, share in zip("xyz", way, strict=True) if share)
         return np.asarray(sum(shares))
 
     def _of_joint(self, joint: str, conditions: Conditions) -> Iterator[EffectParameter]:
-        """Yield its tilts; that about an axis that nothing turns it about in these rows is zero.
+        """Yield the tilts of a joint; one about an axis without a moment in these rows is zero.
 
-        How much further a slide tilts the further it is out makes the effect as much as that it tilts at all: a beam
-        that stands free for twice the length leans several times as far.
+        How a slide's tilt grows with its extension is as much a main parameter as the tilt itself: a beam that is free
+        over twice the length tilts several times as far.
         """
         unit, size = f"mrad {_at(self.load, 'Nm')}", self.sizes[joint]
         for called, way in self.tilts[joint].items():
@@ -186,19 +186,19 @@ class BearingCompliance(Family):
 
 @dataclass(eq=False, kw_only=True)
 class BeamDeflection(Family):
-    """The base sinks and rolls with its place along a beam, and with the load."""
+    """The base sinks and rolls with its position along a beam, and with the load."""
 
-    travel: str  # condition that says where it stands
-    weight_n: float  # load at which deflections are given
+    travel: str  # condition that states this position
+    weight_n: float  # load at which deflections are stated
 
     def __post_init__(self) -> None:
         self.needs, self.driven_by = ("weight_n", self.travel, "truss_span_m"), self.travel
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """A moving load on two posts, an even load, half a sine, to which torsion and dead load may add; or any line.
+        """A moving load on two posts, a uniform load or half a sine, perhaps with torsion and dead load; or any line.
 
-        Any line is a polynomial of the place, for sinking, roll and pitch each: rails that yield unlike each other.
-        What leans with a slope turns about the level direction across the beam.
+        Any line is a polynomial of the position, for sinking, roll and pitch each: rails that yield differently. What
+        leans with a slope turns about the horizontal direction across the beam.
         """
         up, across, along = _level(conditions.robot, self.travel.removesuffix("_m"))
         span = float(conditions.truss_span_m or np.nan)

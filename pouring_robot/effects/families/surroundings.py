@@ -1,4 +1,4 @@
-"""Families of effects of what stands around the robot: the ground under it and the device that measures it."""
+"""Families of effects of the robot's surroundings: the ground under it and the device that measures it."""
 
 import functools
 from collections.abc import Iterator
@@ -17,21 +17,21 @@ _SETTLING = (0.15, 0.3, 0.6)  # time constants of settling, as shares of the cam
 
 
 class BaseDrift(Family):
-    """The base creeps with time. Its place counts from that in the middle of the campaign's time, or from its mean."""
+    """The base drifts with time. Its displacement is zero in the middle of the campaign's time, or on average."""
 
     driven_by = "time_s"
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
-        """The order of rows stands for time in the campaign itself only."""
+        """The order of rows can replace time within the campaign itself only."""
         return () if conditions.timed else ("time_s",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Steady with a slow change of rate, settling, or with the logarithm of time."""
+        """Steady with a slowly changing rate, settling, or with the logarithm of time."""
         t = conditions.passed
         middle = t - 0.5
         bend, turn = _moved(middle**2 - 1.0 / 12.0, "bend", 0.3), _moved(middle**3 - 0.15 * middle, "turn", 0.15)
         forms = [Form("steady", (*_moved(middle), *bend, *turn))]
-        # Less the mean over even times; which constant is taken does not matter, as the frames are free.
+        # Minus the mean over evenly spaced times; any constant would do, as the frames are free.
         courses = {f"settling_{s:g}": s * (1.0 - np.exp(-1.0 / s)) - np.exp(-t / s) for s in _SETTLING}
         courses["logarithmic"] = (np.log1p(4.0 * t) + 1.0) / np.log(5.0) - 1.25
         for name, course in courses.items():
@@ -40,7 +40,7 @@ class BaseDrift(Family):
 
 
 def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[EffectParameter]:
-    """Yield six parameters that move the base along a course; with a name they only shape another one."""
+    """Yield six parameters that move the base by ``course``, (n,); with a name they only shape the main ones."""
     for component in COMPONENTS:
         (unit, si), prior_std = shown_in(component_unit(component)), 1.0 if component.startswith("t") else 0.4
         label = f"{component}_{name}" if name else component
@@ -48,18 +48,19 @@ def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[E
 
 
 class SessionOffset(Family):
-    """Base or device stand elsewhere in each session."""
+    """Base or measuring device are at another place in each session."""
 
     driven_by = "session"
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
-        """It takes several sessions."""
+        """It needs several sessions."""
         return () if len(conditions.session_shares) > 1 else ("session",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Six displacements of the base a session, or three without a turn; what all share is the frames'.
+        """Six displacements of the base per session, or three without rotation; what all share belongs to the frames.
 
-        Of another session none is known. They are told from their mean over the rows that were fitted.
+        In a session in which none were learned they are zero. They are reported relative to their mean over the fitted
+        rows.
         """
         moved = [
             replace(parameter, name=f"session_{k + 1}_{parameter.name}")
@@ -74,7 +75,7 @@ class SessionOffset(Family):
 
 
 def _from_mean(session: Indices, count: int, fitted: BoolArray) -> FloatArray:
-    """Return what takes from so many displacements, session by session, the mean over some rows, (count, count)."""
+    """Return the matrix, (count, count), that subtracts from displacements by session their mean over fitted rows."""
     shares = np.bincount(session[fitted], minlength=int(session.max()) + 1) / fitted.sum()
     return np.kron(np.eye(len(shares)) - shares, np.eye(count // len(shares)))
 
@@ -87,7 +88,7 @@ class MetrologyScale(Family):
     told_apart_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Constant, or by the temperature of the air where that is known: its index changes by 1e-6 a kelvin."""
+        """Constant, or by air temperature where that is known: the refractive index changes by 1e-6 per kelvin."""
         ppm = 1e-6 * np.ones(len(conditions))
         constant = EffectParameter("scale", "1e-6", 100.0, {SCALE: ppm})
         if "ambient" not in conditions.rises:
