@@ -1,8 +1,8 @@
-"""The errors the package raises on purpose, each with its figures and one line that says how to mend it.
+"""Errors that the package raises on purpose, each with its figures and one line that says how to fix it.
 
-:class:`BadInputError`: what was given is wrong. :class:`NoSolutionError`: the input is sound but the mechanism has no
-answer. :class:`StoppedError`: the user stopped the work. ``str(error)`` is always one line, and what a constructor
-takes are the error's attributes.
+:class:`BadInputError`: what was given is wrong. :class:`NoSolutionError`: the input is valid, but the mechanism has no
+answer. :class:`StoppedError`: the user stopped the work. ``str(error)`` is always one line, and the arguments of a
+constructor are attributes of the error.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` for the nearest of the known names, or the whole list when none is near."""
+    """Return ``"; did you mean 'x'?"`` for the nearest known name, or all known names when none is near."""
     names = sorted(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if near:
@@ -30,23 +30,23 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 
 def some(names: Sequence[str], most: int, between: str = ", ") -> str:
-    """Return ``a, b and 7 more``: the first so many of the names, and how many others there are."""
+    """Return ``a, b and 7 more``: the first ``most`` names, and how many others there are."""
     return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def counted(count: int, one: str) -> str:
-    """Return ``1 row`` or ``7 rows``: a number of things, by what one of them is called."""
+    """Return ``1 row`` or ``7 rows``: a count and its noun, whose singular is ``one``."""
     return f"{count} {one}{'' if count == 1 else 's'}"
 
 
 class ExitCode(enum.IntEnum):
-    """What the command line ends with."""
+    """Exit codes of the command line."""
 
     DONE = 0
     BAD_INPUT = 2  # a file, an option or a value cannot be used
-    NO_SOLUTION = 3  # the input is sound, but the mechanism has no answer
-    FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
-    STOPPED = 130  # Ctrl-C, as shells count it
+    NO_SOLUTION = 3  # the input is valid, but the mechanism has no answer
+    FAULT = 70  # an internal error of the program, as in ``sysexits.h``
+    STOPPED = 130  # Ctrl-C, as in shells
 
 
 class PouringRobotError(Exception):
@@ -58,7 +58,7 @@ class PouringRobotError(Exception):
         return " ".join(super().__str__().splitlines())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle and copy it as it is: what its constructor takes is not the line that Python would give it."""
+        """Pickle and copy the attributes: the constructor does not take the message that Python would pass to it."""
         return copyreg.__newobj__, (type(self), *self.args), vars(self)  # type: ignore[attr-defined]
 
 
@@ -69,19 +69,19 @@ class BadInputError(PouringRobotError):
 
 
 class NoSolutionError(PouringRobotError):
-    """The input is sound, but the mechanism has no answer for it."""
+    """The input is valid, but the mechanism has no answer for it."""
 
     exit_code = ExitCode.NO_SOLUTION
 
 
 class StoppedError(PouringRobotError):
-    """The user stopped the work; says what of it is kept."""
+    """The user stopped the work; the message says which results are kept."""
 
     exit_code = ExitCode.STOPPED
 
 
 class _FileError(BadInputError):
-    """A file or folder is at fault; the problem is told on one line."""
+    """A file or folder is faulty; the message states the problem on one line."""
 
     _before = ""
 
@@ -97,7 +97,7 @@ class OutputError(_FileError):
 
 
 class SweepStoreError(_FileError):
-    """Results of a sweep cannot be written, read, or gone on with."""
+    """Results of a sweep cannot be written, read or resumed."""
 
 
 class DescriptionError(_FileError):
@@ -130,7 +130,7 @@ class CampaignError(TableError):
 
 
 class UnknownLayoutError(BadInputError):
-    """A layout was asked for that the dimensions file does not hold."""
+    """A layout was requested that is not in the dimensions file."""
 
     def __init__(self, name: str, known: Sequence[str], path: Path | str) -> None:
         self.name, self.known, self.path = name, tuple(known), Path(path)
@@ -160,7 +160,7 @@ class UnknownFrameError(_UnknownPartError):
 
 
 class UnsupportedMechanismError(BadInputError):
-    """The engine for stars cannot take this mechanism; the general one can."""
+    """The engine for stars of chains cannot handle this mechanism; the general engine can."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -175,9 +175,9 @@ class ClosureError(NoSolutionError):
 
     Attributes:
         iterations: Newton steps taken.
-        gap_m: largest distance left between two frames that should coincide, in m; ``gap_rad`` angle, in rad.
+        gap_m: largest remaining distance between two frames that should coincide, in m; ``gap_rad``: angle, in rad.
         worst_loop: the loop with the largest gap; None for a mechanism without loops.
-        status: what of the names of the batch engines it is: ``batch.STATUS_NAMES``.
+        status: as in the batch engines, one of ``batch.STATUS_NAMES``.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class BatchClosureError(NoSolutionError):
     """Some samples of a batch have no closed pose.
 
     Attributes:
-        counts: number of samples by status, the closed ones left out.
+        counts: number of samples of each status other than closed.
         samples: number of samples in all.
         first: index of the first sample that failed.
     """
@@ -213,13 +213,13 @@ class BatchClosureError(NoSolutionError):
 
 
 class UnreachablePoseError(NoSolutionError):
-    """A pose asks a joint to go beyond its limits; ``excess`` is by how much, all in m or rad as ``unit`` says."""
+    """A pose needs a joint beyond its limits, by ``excess``; values are in m or rad, as ``unit`` says."""
 
     def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
         self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
         factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
         self.excess = lower - value if value < lower else value - upper
-        # Two digits of what is beyond, and as many decimals of what it is the difference of.
+        # Two digits of the excess, and as many decimals of the values it is the difference of.
         small = 0.0 < self.excess * factor < 0.1
         digits = 1 - math.floor(math.log10(self.excess * factor)) if small else 2
         at, beyond, least, most = (f"{number * factor:z.{digits}f}" for number in (value, self.excess, lower, upper))
@@ -233,8 +233,8 @@ class UnreachableTargetError(NoSolutionError):
     """No drive values bring the end body to a pose.
 
     Attributes:
-        left: what the nearest ones leave, (6,): displacement in m and rotation vector in rad.
-        commanded: freedoms that the drives command at most; ``asked`` those of the pose.
+        left: remaining error of the nearest ones, (6,): displacement in m and rotation vector in rad.
+        commanded: most freedoms that the drives command; ``asked``: freedoms of the pose.
     """
 
     def __init__(self, left: NDArray[np.float64], commanded: int, asked: int) -> None:
@@ -247,7 +247,7 @@ class UnreachableTargetError(NoSolutionError):
 
 
 class PathPoseError(NoSolutionError):
-    """The pose on a line of a list has no solution, for the reason that the error of the pose itself tells."""
+    """The pose on a line of a list has no solution; ``reason`` is the error of the pose itself."""
 
     def __init__(self, path: Path | str, line: int, reason: NoSolutionError) -> None:
         self.path, self.line, self.reason = Path(path), line, reason
@@ -255,7 +255,7 @@ class PathPoseError(NoSolutionError):
 
 
 class _DegeneratePoseError(NoSolutionError):
-    """Drives and platform do not determine each other here; ``ratio`` says how nearly they do."""
+    """Drives and platform do not determine each other here; ``ratio`` says how near this is to singular."""
 
     _words = ""
 
@@ -265,13 +265,13 @@ class _DegeneratePoseError(NoSolutionError):
 
 
 class SingularPoseError(_DegeneratePoseError):
-    """The drives do not determine the platform: least over largest eigenvalue of the Hessian over the free joints."""
+    """The drives do not determine the platform; ratio: least over largest eigenvalue of the free joints' Hessian."""
 
     _words = "the mechanism is singular here: with its drives held the platform can still move (eigenvalue ratio"
 
 
 class LockedPoseError(_DegeneratePoseError):
-    """No drives move a frame along some direction: least over largest singular value of how they move it."""
+    """No drives move a frame along some direction; ratio: least over largest singular value of its Jacobian."""
 
     _words = "no drives move the robot in every direction here (ratio of singular values"
 
@@ -280,8 +280,8 @@ class CompensationError(NoSolutionError):
     """No drive values bring the robot as built to a pose.
 
     Attributes:
-        wanted: the command that leads there in the drawing, in words.
-        left_m: how far off the last step left it, in m; ``left_rad`` its tilt, in rad.
+        wanted: the nominal command for that pose, in words.
+        left_m: distance that remains after the last step, in m; ``left_rad``: remaining tilt, in rad.
     """
 
     def __init__(self, wanted: str, left_m: float, left_rad: float) -> None:
@@ -293,11 +293,11 @@ class CompensationError(NoSolutionError):
 
 
 class UnsettledCommandsError(NoSolutionError):
-    """What effects do changes with the commands that are to cancel it, and these do not come to rest.
+    """Effects depend on the commands that are to cancel them, and these commands do not converge.
 
     Attributes:
         pose: number of the pose, from 1.
-        moved: by how much a command still moves, in m or rad.
+        moved: how much a command still changes, in m or rad.
     """
 
     def __init__(self, pose: int, moved: float) -> None:
@@ -316,7 +316,7 @@ class FrameFitError(BadInputError):
     """The frames of tracker and target cannot be fitted.
 
     Attributes:
-        rows: rows that have drives which some pose has, and a complete measured position.
+        rows: rows with reachable drives and a complete measured position.
         needed: rows that are needed.
     """
 
@@ -329,7 +329,7 @@ class FrameFitError(BadInputError):
 
 
 class DataError(NoSolutionError):
-    """Measured data have no answer to what is asked of them, and what to do about it."""
+    """Measured data cannot answer what is asked of them; ``mend`` says what to do about it."""
 
     def __init__(self, problem: str, mend: str) -> None:
         self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
@@ -345,9 +345,10 @@ class DiagnosisError(DataError):
 
 
 class MissingConditionsError(BadInputError):
-    """A model's effect depends on conditions that nobody gave: columns, or keys of a campaign's YAML.
+    """A model's effect depends on conditions that were not given: columns, or keys of a campaign's YAML.
 
-    ``headings`` are all that are missing, for ``others`` of its effects, too; ``problem`` is that without the mend.
+    ``headings`` are all that are missing, also for ``others`` of its effects; ``problem`` is the message without the
+    remedy.
     """
 
     def __init__(
@@ -364,7 +365,7 @@ class MissingConditionsError(BadInputError):
 
 
 class TooLargeError(BadInputError):
-    """A joint or drive is displaced by more than can be an error of a robot; ``problem`` is that without the mend."""
+    """A joint or drive is displaced by more than any robot's error; ``problem`` is the message without the remedy."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -381,7 +382,7 @@ class TemperatureError(BadInputError):
 
 
 class HistoryError(BadInputError):
-    """A history of temperatures or poses cannot be followed; ``row`` is the entry at fault, from 1, where one is."""
+    """A history of temperatures or poses cannot be used; ``row`` is the faulty entry, from 1, if there is one."""
 
     def __init__(self, problem: str, row: int | None = None) -> None:
         self.problem, self.row = problem, row
