@@ -33,14 +33,14 @@ class Examination:
     """What the checks found."""
 
     flags: list[DataFlag]  # the findings, errors first
-    comparison: Comparison  # commands and measurements with the mistakes found undone; copies of rows command nothing
+    comparison: Comparison  # commands and measurements, mistakes found undone; copied rows have no commands
     fit: FrameFit | None  # the two frames fitted to them; None where they cannot be
-    disagreement_m: float | None = None  # RMS of what redundant drives of the nominal robot disagree by; None without
+    disagreement_m: float | None = None  # RMS disagreement of the nominal robot's redundant drives; None without any
 
 
 @one_blas_thread()
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
-    """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
+    """Run all checks and keep their intermediate results; see :func:`check_campaign`."""
     poses = nominal_poses(drawing, campaign.drives)
     found = list(check_columns(campaign, held_rows(campaign, drawing, poses)))
     campaign, moved = in_frames_of_their_own(campaign, poses)
@@ -52,10 +52,10 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     if frames.fit is not None:
         aligned = Aligned(campaign, drawing, frames.data, frames.fit)
         found += check_rows(aligned)
-        if not any(flag.severity is Severity.ERROR for flag in found):  # an error scatters the rows by itself
+        if not any(flag.severity is Severity.ERROR for flag in found):  # an error alone makes the rows scatter
             found += check_noise(aligned, wrong_rows(found))
     order = list(Severity)
-    # Too small a noise makes findings of chance: it is said before anything else of its kind.
+    # Too small a stated noise makes chance findings: it is reported before others of its severity.
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))
     disagreement, drives = None, frames.data.drives
     if campaign.redundant_drives:
@@ -67,15 +67,15 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
 def check_campaign(campaign: Campaign, drawing: Drawing | None = None) -> list[DataFlag]:
     """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
 
-    The nominal robot is compared with them, by default the campaign's: errors of the robot as built do not matter here.
-    Raises BadInputError where there is no campaign.
+    They are compared with the nominal robot, by default the campaign's; errors of the robot as built do not matter
+    here. Raises BadInputError where there is no campaign.
     """
     expect(campaign, Campaign, "what is checked is a Campaign, such as Campaign.read returns")
     return examine(campaign, drawing or campaign.robot.drawing()).flags
 
 
 def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
-    """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
+    """Return everything a user should know about a campaign before a fit, ready for JSON; units are in the names."""
     metadata, fit, wrong = campaign.metadata, found.fit, wrong_rows(found.flags)
     figures: dict[str, Any] = {
         "file": str(campaign.path),
@@ -107,7 +107,7 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
 
 
 def _ranges(campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield unit, least and largest value and number of missing cells of each quantity that was recorded.
+    """Yield unit, least and largest value and number of missing cells of each recorded quantity.
 
     Lengths are in mm (a travel in m), angles in rad, the rest in kg, s and °C.
     """

@@ -19,18 +19,18 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, runs
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _SHORTEST_RUN = 4
 _NAMED = 8
-_ATTITUDE = 3  # as many columns that nobody knows may be a rotation, as angles or as a quaternion
+_ATTITUDE = 3  # this many unknown columns may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
     "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
     "Rotation.from_quat([x, y, z, w]).as_rotvec(), or from_euler('ZYX', [a, b, c], degrees=True)); else all is well"
 )
 _PLANE = "if a probe touched a plane, such as a print bed, all is well; else the sensor hung: measure again"
 _SOCKET = "if it was put to places that are known, as a ball into sockets, all is well; else measure again"
-_SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled column it is one half
+_SHUFFLED = 0.25  # share of the steps that go back in time; in a shuffled column it is one half
 
 
 def check_columns(campaign: Campaign, held: Sequence[Indices] = ()) -> Iterator[DataFlag]:
-    """Yield what is wrong with the columns as such, given the rows at each place where the target was held."""
+    """Yield mistakes in the columns themselves; ``held`` are the rows at each place where the target was held."""
     for check in (
         _another_robot,
         _row_count,
@@ -49,12 +49,12 @@ def check_columns(campaign: Campaign, held: Sequence[Indices] = ()) -> Iterator[
 
 
 def distinct_poses(campaign: Campaign) -> int:
-    """Return how many different poses were commanded; closer than 0.1 mm and 0.1 mrad counts as the same."""
+    """Return how many different poses were commanded; those within 0.1 mm and 0.1 mrad count as one."""
     return len(np.unique(np.round(campaign.drives[campaign.usable] / _SAME_POSE), axis=0))
 
 
 def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a campaign of another robot whose columns happen to fit; files that name none are this robot's."""
+    """Find a campaign of another robot whose columns happen to fit; files without a name are taken for this one's."""
     named, robot = campaign.metadata.robot, campaign.robot.name
     if named and named != robot:
         message = f"the YAML file names the robot '{named}', and the rows were read as those of '{robot}'"
@@ -84,7 +84,7 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _uncommanded(campaign: Campaign) -> tuple[Indices, list[str]]:
-    """Return the rows in which a command is missing, and of which drives any is."""
+    """Return the rows in which a command is missing, and the drives that lack any."""
     missing = ~np.isfinite(campaign.drives)
     names = [columns.drive_names(campaign.robot)[k] for k in np.flatnonzero(missing.any(axis=0))]
     return np.flatnonzero(missing.any(axis=1)), names
@@ -99,9 +99,9 @@ def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _copies(campaign: Campaign) -> Indices:
-    """Return the usable rows whose drives and measurements are an earlier row's to the last digit.
+    """Return the usable rows whose drives and measurements equal an earlier row's to the last digit.
 
-    None where as many rows are so in all measured columns but one: readings of few digits are alike by chance.
+    None where as many rows are equal in all measured columns but one: readings of few digits are equal by chance.
     """
     measured = [campaign.position_m]
     measured += [values for values in (campaign.rotation_vector_rad, campaign.distance_m) if values is not None]
@@ -118,20 +118,20 @@ def _copies(campaign: Campaign) -> Indices:
 
 
 def _pairs(table: FloatArray) -> int:
-    """Return how many pairs of rows (n, k) are the same."""
+    """Return how many pairs of rows (n, k) are equal."""
     counts = np.unique(table, axis=0, return_counts=True)[1]
     return int((counts * (counts - 1) // 2).sum())
 
 
 def without_copies(campaign: Campaign) -> Campaign:
-    """Return a campaign in which copies of rows command nothing, so that they are compared with no pose."""
+    """Return the campaign with blank commands in copied rows, so that they are compared with no pose."""
     copies, drives = _copies(campaign), np.array(campaign.drives)
     drives[copies] = np.nan
     return replace(campaign, drives=drives) if copies.size else campaign
 
 
 def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find rows that are copies: noise of more digits never repeats."""
+    """Find rows that are copies: noise with enough digits never repeats."""
     copies = _copies(campaign)
     if copies.size:
         message = f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit"
@@ -150,8 +150,8 @@ def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
 def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator[DataFlag]:
     """Find measured columns that keep their value to the last digit while the drives move.
 
-    The only one that was measured, of one value in all rows, may be the place of a plane that a probe touched. Places
-    where the target was held, which may stand in line, are stated to the last digit.
+    If only one was measured, with one value in all rows, it may be the position of a plane that a probe touched. Places
+    where the target was held are stated to the last digit and may share a coordinate.
     """
     moved = np.abs(np.diff(campaign.drives, axis=0)).max(axis=1) > 1e-3
     if held:
@@ -163,7 +163,7 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
     found_in = ((name, campaign.quantity(name)) for name in (*columns.POSITION, *columns.ROTATION, columns.DISTANCE))
     seen = {name: values for name, values in found_in if values is not None and np.isfinite(values).any()}
     alone = len(seen) == 1
-    seen.pop(columns.DISTANCE, None)  # two places may well be as far away
+    seen.pop(columns.DISTANCE, None)  # two places may well be at the same distance
     for name, values in seen.items():
         if held and name in columns.POSITION:
             continue
@@ -210,12 +210,12 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
     code, at, severity, remedy = FlagCode.TIME_SHUFFLED, list[int](), None, ""
     if steps < _SHUFFLED * len(campaign):
         code, at, said = FlagCode.TIME_NOT_INCREASING, rows, f"does not increase at {where(campaign, rows)}"
-    elif backwards:  # temperatures run as smoothly one way as the other
+    elif backwards:  # temperatures are as smooth backwards as forwards
         said = "falls from row to row: the newest row comes first"
         remedy = "sort the rows of each session by time, so that its oldest comes first"
     else:
         said = f"runs in no order, it falls {steps} times"
-        # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
+        # Temperatures are smooth in the order in which they were read, whatever the order of the rows.
         rougher = _roughness(campaign, np.argsort(time, kind="stable")) - _roughness(campaign, slice(None))
         if rougher < 0.0:
             said += "; the temperatures run smoothly by it"
@@ -231,13 +231,13 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _roughness(campaign: Campaign, order: Indices | slice) -> float:
-    """Return how far temperatures move from row to row in an order, in K."""
+    """Return the sum of the temperatures' changes from row to row in an order, in K."""
     columns_ = [campaign.conditions[name][order] for name in readings(campaign)]
     return float(sum(np.nansum(np.abs(np.diff(values[np.isfinite(values)]))) for values in columns_))
 
 
 def _sessions(campaign: Campaign) -> Iterator[DataFlag]:
-    """Yield that a row's session tells no more than the row: so many unknowns, a place for each, tell nothing."""
+    """Find sessions that are labels of rows: with a place for each, there are too many unknowns to fit."""
     count = len(set(campaign.sessions))
     if count > 1 and 2 * count > len(campaign):
         message = f"{count} sessions in {len(campaign)} rows, fewer than two rows each on average"
@@ -253,7 +253,7 @@ def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
-    """Yield the headings that nobody knows; they are headings, not quantities."""
+    """Find unknown headings; the findings hold these headings themselves, as they name no quantities."""
     others = list(campaign.ignored_columns)
     unused = [name for name in others if name.rpartition("_")[2] in UNITS["temperature"]]
     if unused:

@@ -1,8 +1,8 @@
-"""Checks of what was recorded beside drives and measurement: loads, travels, forces, time.
+"""Checks of the conditions recorded with drives and measurements: loads, travels, forces, time.
 
-Nothing of the measured poses is needed. Each rule rests on what no robot does: it travels no further than its rails,
-nobody records a load of a thousandth of the robot's mass, none carries ten times its mass, no drive bears ten times its
-effort, a static pose takes :data:`LEAST_PAUSE_S`.
+Measured poses are not needed. Each rule rests on what no robot does: it travels no further than its rails, nobody
+records a load of a thousandth of the robot's mass, none carries ten times its mass, no drive bears ten times its
+effort, and a static pose takes at least :data:`LEAST_PAUSE_S`.
 """
 
 from collections.abc import Iterator
@@ -18,15 +18,15 @@ from pouring_robot.io.units import UNITS
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
-LEAST_PAUSE_S = 1.0  # so long a robot stands still at least, and is measured
-_SLIGHT = 1e-3  # of the robot's mass: a load that bends nothing
+LEAST_PAUSE_S = 1.0  # a robot stands still for at least this long to be measured
+_SLIGHT = 1e-3  # of the robot's mass: a load that deflects nothing
 _FEWEST_PAUSES = 3
 _NEARLY_ALL = 0.9
 _FAR = 10.0
 
 
 def check_conditions(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterator[DataFlag]:
-    """Yield what is wrong with the conditions, given drives (n, drives) whose mistakes are undone, in m and rad."""
+    """Yield mistakes in the conditions, given drives (n, drives) with their mistakes undone, in m and rad."""
     yield from _travels(campaign, drawing)
     yield from _payload(campaign, drawing)
     yield from _forces(campaign, drawing)
@@ -41,13 +41,13 @@ def wrong_unit(
     severity: Severity | None = None,
     remedy: str = "",
 ) -> DataFlag:
-    """Return the finding that a condition is given in another unit than its heading's."""
+    """Return the finding that a condition is given in a unit other than its heading's."""
     message = f"column '{campaign.heading(name)}' seems to hold {wrong}"
     return flagged(campaign, FlagCode.CONDITION_UNIT, message, (), [name], figures, severity=severity, remedy=remedy)
 
 
 def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why: str) -> DataFlag:
-    """Return the finding of the rows (n,) in which a condition is what it cannot be, in its inner unit."""
+    """Return the finding of the rows (n,) in which a condition has an impossible value, in its internal unit."""
     rows, values = np.flatnonzero(wrong), campaign.quantity(name)
     first = float("nan") if values is None else float(values[rows[0]])
     message = f"column '{campaign.heading(name)}' holds {first:g} {unit} in {where(campaign, rows)}, and {why}"
@@ -55,7 +55,7 @@ def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why:
 
 
 def known(campaign: Campaign, name: str) -> FloatArray:
-    """Return the values of a condition that are there."""
+    """Return the values of a condition that are not missing."""
     values = campaign.conditions.get(name, np.empty(0))
     return values[np.isfinite(values)]
 
@@ -64,7 +64,7 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     limits = drawing.mechanism.joint_limits()
     for name in campaign.robot.travels:
         values, (low, high) = known(campaign, name), limits.get(name, (-np.inf, np.inf))
-        # Rails may be longer than the drawing's, or counted from elsewhere, but not ten times as long.
+        # Rails may be longer than the drawing's, or have another zero, but are not ten times as long.
         largest, reach = float(np.abs(values).max(initial=0.0)), max(_FAR * (high - low), -low, high)
         if largest <= reach:
             continue
@@ -94,7 +94,7 @@ def _payload(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
 
 
 def _forces(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
-    """Find what no drive bears; at rest it may bear more than its motor can move, but not ten times as much."""
+    """Find forces that no drive bears; at rest it may bear more than its motor can move, but not ten times as much."""
     model = drawing.mechanism.shared_model
     for name, drive in zip(columns.force_names(campaign.robot), campaign.robot.drives, strict=True):
         values, effort = campaign.quantity(name), float(model.effortLimit[_place(model, drive.joint)])
@@ -104,12 +104,12 @@ def _forces(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
 
 
 def _place(model: pin.Model, joint: str) -> int:
-    """Return where a joint's limits stand in the model."""
+    """Return the index of a joint's limits in the model."""
     return int(model.joints[model.getJointId(joint)].idx_v)
 
 
 def _pauses(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterator[DataFlag]:
-    """Find a time that leaves none for standing still: it was given in minutes or hours."""
+    """Find times that leave no pause at the poses: they were given in minutes or hours."""
     time = campaign.conditions.get("time")
     if time is None:
         return

@@ -12,17 +12,17 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import CampaignError, counted, some
 from pouring_robot.mechanism.arrays import Indices
 
-FEW_ROWS = 20  # below this many usable rows little beyond the two frames can be told
+FEW_ROWS = 20  # with fewer usable rows little beyond the two frames can be determined
 FEW_VALUES = 60
-"""Coordinates of so many rows; where a row is one number, as a distance or a closure is, it takes more rows."""
+"""Coordinates of that many rows; where a row is one number, such as a distance or a closure, more rows are needed."""
 
 
 class Severity(enum.StrEnum):
     """How much a finding matters."""
 
     ERROR = "error"  # a fit of these data would be wrong
-    WARNING = "warning"  # some rows or columns should be looked at, and mended or left out
-    NOTE = "note"  # good to know; limits what can be found out
+    WARNING = "warning"  # some rows or columns should be looked at, and corrected or left out
+    NOTE = "note"  # good to know; limits what a fit can determine
 
 
 def _error(code: str, remedy: str) -> tuple[str, Severity, str]:
@@ -38,7 +38,7 @@ def _note(code: str, remedy: str) -> tuple[str, Severity, str]:
 
 
 class FlagCode(enum.StrEnum):
-    """What was found, how much it matters, and what to do about it, where the check does not know better."""
+    """Kinds of findings, with severity and remedy; a check may give more specific ones."""
 
     severity: Severity
     remedy: str
@@ -150,7 +150,7 @@ class FlagCode(enum.StrEnum):
 
 
 ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES, FlagCode.REPEATED_ROWS)
-"""What is wrong with single rows: they are left out, and the others can be used."""
+"""Findings about single rows: these are left out, and the others can be used."""
 
 _UNDONE = {
     FlagCode.DRIVE_UNIT: "the unit of {} corrected",
@@ -166,7 +166,7 @@ _UNDONE = {
     FlagCode.EULER_ANGLES: "{} converted to a rotation vector",
     FlagCode.APART_SESSIONS: "frames of its own for each session",
 }
-"""What is undone where it is found, for the checks and figures that follow."""
+"""Mistakes that are undone when found, for the checks and figures that follow."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class DataFlag:
         return f"{self.severity}: {self.message}; {self.remedy}"
 
     def figures(self, campaign: Campaign) -> dict[str, Any]:
-        """Return the finding ready for JSON, with the file's lines beside the rows."""
+        """Return the finding ready for JSON, with rows and lines of the file."""
         return {
             "code": str(self.code),
             "severity": str(self.severity),
@@ -209,14 +209,14 @@ def flagged(
     severity: Severity | None = None,
     remedy: str = "",
 ) -> DataFlag:
-    """Return a finding about rows and quantities of a campaign, by default as grave as its code usually is."""
+    """Return a finding about rows and quantities of a campaign, by default with the severity of its code."""
     headings = tuple(campaign.heading(name) for name in quantities)
     indices = tuple(int(row) for row in rows)
     return DataFlag(code, severity or code.severity, message, remedy or code.remedy, indices, headings, metrics or {})
 
 
 def stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: Severity, remedy: str = "") -> DataFlag:
-    """Return the finding that a column keeps one value in rows that follow each other."""
+    """Return the finding that a column keeps one value in consecutive rows."""
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
     if name in columns.drive_names(campaign.robot):
@@ -228,10 +228,10 @@ def stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: 
 
 
 def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:
-    """Return the rows to leave out, ascending, of data that are of use without them.
+    """Return the rows to leave out, ascending, of data that are usable without them.
 
     Raises:
-        CampaignError: they are wrong as a whole, or more than half of the rows are, which no robust fit survives.
+        CampaignError: the data are wrong as a whole, or in more than half of the rows, which no robust fit survives.
     """
     rows = wrong_rows(flags)
     many = 2 * rows.size > np.count_nonzero(campaign.usable)
@@ -242,10 +242,10 @@ def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Indices:
 
 
 def refuse_errors(campaign: Campaign, flags: Iterable[DataFlag]) -> None:
-    """Refuse data in which anything is in error, single rows too, which a fit would leave out.
+    """Refuse data with any error, even in single rows, which a fit would leave out.
 
     Raises:
-        CampaignError: something is; says how much, and the first of it.
+        CampaignError: there are errors; says how many, and the first of them.
     """
     errors = [flag for flag in flags if flag.severity is Severity.ERROR]
     if errors:
@@ -260,9 +260,9 @@ def wrong_rows(flags: Iterable[DataFlag]) -> Indices:
 
 
 def undone(flags: Iterable[DataFlag]) -> list[str]:
-    """Return in words which of the mistakes found are undone in what the checks compare, in the order of findings."""
-    told = [flag for flag in flags if flag.code in _UNDONE]
-    return [_UNDONE[flag.code].format(", ".join(f"'{heading}'" for heading in flag.columns)) for flag in told]
+    """Return in words which of the mistakes found the checks undo before they compare, in the order of findings."""
+    corrected = [flag for flag in flags if flag.code in _UNDONE]
+    return [_UNDONE[flag.code].format(", ".join(f"'{heading}'" for heading in flag.columns)) for flag in corrected]
 
 
 def where(campaign: Campaign, rows: Sequence[int] | Indices, most: int = 6) -> str:

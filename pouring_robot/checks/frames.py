@@ -1,9 +1,9 @@
-"""Checks against the robot: units, exchanged frames and columns, by what the drives say the poses should be.
+"""Checks against the robot: units, exchanged frames and columns, by the poses that the drives predict.
 
 The nominal robot predicts every measured pose up to the two unknown frames. Where prediction and measurement differ by
-more than errors of a robot can, each usual mistake is undone in turn; the one that brings the misfit down to
-a fifth or less is named, and undone for the checks that follow. Before that it is asked whether sessions measured from
-places of their own, though the campaign says that they did not.
+more than a robot's errors can explain, each usual mistake is undone in turn; the one that reduces the misfit to a fifth
+or less is named, and undone for the checks that follow. Before that, sessions measured from different places are
+detected, though the campaign says otherwise.
 """
 
 import dataclasses
@@ -40,31 +40,31 @@ from pouring_robot.mechanism.joint_limits import in_limits
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
-"""Misfits below these a robot's errors explain; no mistake of units is looked for."""
+"""A robot's errors explain misfits below these; no mistake of units is looked for."""
 _HOPELESS_RAD = 0.05  # see HOPELESS_M
-_HOPELESS_SHARE = 0.02  # of the spread of the measured positions: large robots may be off by more
+_HOPELESS_SHARE = 0.02  # share of the spread of the measured positions: large robots may be off by more
 _ROUGH = "if the robot is so far off, as a wrist that ropes drive, all is well; else check the rows and the drawing"
 _LIMITS = "if the robot stood there, correct the limits in the URDF; else check the drives' columns and units"
 _SUSPECT_SIGMAS = 20.0
 _EQUAL = 1.5
-_ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
-_TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
+_ROUGHLY = 3.0  # times the least rough misfit: twice the _EQUAL that applies once fitted
+_TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much smaller or larger than the change by a mistake its misfit may be
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _NEARLY_ALL = 0.9
-_LEAST_USED = 0.1  # share of a drive's range; angles that move by less in another unit, the frames must bear out
+_LEAST_USED = 0.1  # share of a drive's range; if converted angles move by less, the frames must confirm the unit
 _LIMIT_SLACK = 1e-3  # m or rad
-_SET_UP_ANEW_M = 0.05  # what creeps or is bumped moves less
+_SET_UP_ANEW_M = 0.05  # a set-up that creeps or is bumped moves less
 _TIMES_BETTER = 3.0
 _OF_THE_DEVICE = (FlagCode.MIRRORED_AXES, FlagCode.FRAMES_SWAPPED)
-_TELLING_ROWS = 20  # of a session: with fewer its own frames, twelve unknowns, explain too much
+_TELLING_ROWS = 20  # of a session; with fewer, frames of its own, twelve unknowns, explain too much
 
 
 def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campaign, list[DataFlag]]:
-    """Return a campaign seen from one place, and what sessions say of places of tracker and target.
+    """Return the campaign as seen from one place, and findings about the places of tracker and target by session.
 
-    That they measured from places of their own is a finding where the campaign does not say so, and each by itself
-    agrees with the robot far better than all from one place.
+    Different places of the tracker are a finding where the campaign does not state them, and the sessions agree with
+    the robot far better from places of their own than from one place.
     """
     if len(set(campaign.sessions)) < 2:
         return campaign, []
@@ -72,13 +72,13 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         together = in_one_frame(campaign, poses)
         return together, list(_targets_moved(together, _compared(together, poses)))
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
-    try:  # by places alone: distances are told of one frame
+    try:  # by positions alone: distances refer to one frame
         together = in_one_frame(dataclasses.replace(campaign, metadata=metadata, distance_m=None), poses)
         seen = _compared(together, poses)
         apart, shared = _compared(campaign, poses).fit(1.0), seen.fit(1.0)
     except (CampaignError, FrameFitError):
         return campaign, []  # too few rows to say
-    # Seen from wherever it takes: what is left then no place of the tracker explains.
+    # Each seen from its best place: no place of the tracker explains what remains.
     remounted = list(_targets_moved(together, seen, shared))
     before, after = apart.position_scale_m, shared.position_scale_m
     moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
@@ -97,16 +97,16 @@ def _compared(campaign: Campaign, poses: PoseStack) -> Comparison:
 
 
 def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit | None = None) -> Iterator[DataFlag]:
-    """Yield sessions, seen from one place, that agree with the robot far better with a target of their own.
+    """Yield sessions, seen from one place, that agree with the robot far better with another place of the target.
 
-    All are compared with the drawing; the frames that they share are fitted, unless they are known.
+    All are compared with the drawing; the frames that they share are fitted unless given.
     """
     whole = everything.poses.complete & np.isfinite(campaign.position_m).all(axis=1)
-    told = {name: rows for name, rows in campaign.rows_by_session().items() if whole[rows].sum() >= _TELLING_ROWS}
-    if not told:
+    testable = {name: rows for name, rows in campaign.rows_by_session().items() if whole[rows].sum() >= _TELLING_ROWS}
+    if not testable:
         return
     shared = shared or everything.fit(1.0)
-    for session, members in told.items():
+    for session, members in testable.items():
         own = everything[members].fit(1.0)
         away = robust_sigma(shared.position_residual_m[members])
         sizes, hopeless = [(away, own.position_scale_m, _SUSPECT_M, MM, "mm")], away > HOPELESS_M
@@ -126,7 +126,7 @@ def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit 
 
 
 class FrameChecks:
-    """Finds and undoes mistakes of units, frames and columns of a campaign, by the drawing of its robot."""
+    """Finds and undoes mistakes in a campaign's units, frames and columns, by the drawing of its robot."""
 
     def __init__(self, campaign: Campaign, drawing: Drawing) -> None:
         self.campaign, self.drawing = campaign, drawing
@@ -138,7 +138,7 @@ class FrameChecks:
         drives = self._drive_units(np.array(campaign.drives))
         poses = nominal_poses(drawing, drives)
         self.data = Comparison(drives, poses, campaign.position_m, campaign.rotation_vector_rad)
-        # Without different poses the frames are anything, and so is what they say of the data.
+        # Without different poses the frames are undetermined, and so are findings by them.
         if distinct_poses(campaign) >= FEWEST_FOR_FRAMES:
             try:
                 self._positions()
@@ -148,9 +148,9 @@ class FrameChecks:
         self._unreachable()
 
     def _drive_units(self, drives: FloatArray) -> FloatArray:
-        """Name and undo units and signs of drives that their limits give away.
+        """Name and undo wrong units and signs of drives that their limits reveal.
 
-        Where a unit is wrong, others of its kind may be.
+        Where one unit is wrong, others of its kind may be, too.
         """
         share = self._beyond(drives).sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
         wrong: set[str] = set()
@@ -162,7 +162,7 @@ class FrameChecks:
             low, high, values = self._lower[index], self._upper[index], drives[:, index]
             known = values[np.isfinite(values)] - zero
             if _mostly_within(zero - known, low, high):  # counted the other way
-                # Where limits tell nothing of signs, or another's values would fit, that is tried with the frames.
+                # Where limits do not determine the sign, or another's values would fit, the frames decide later.
                 others = (self.campaign.drives[:, k] for k in np.flatnonzero(share >= _MOST_BEYOND) if k != index)
                 if not low < zero < high and not any(_mostly_within(other, low, high) for other in others):
                     words, metrics = reversed_words(self.campaign, drive.column), {"beyond": float(share[index])}
@@ -218,7 +218,7 @@ class FrameChecks:
         return tuple(names), ", ".join(said)
 
     def _whole_turns_beyond(self, rows: Indices) -> list[int]:
-        """Return the drives that whole turns would bring within their limits in all of some rows; none if not all."""
+        """Return the drives that whole turns would bring within their limits in rows (k,); none if not in all rows."""
         values = self.data.drives[rows]
         turns = np.array([2.0 * np.pi if drive.unit == "rad" else np.inf for drive in self.campaign.robot.drives])
         with np.errstate(invalid="ignore"):  # a slide without limits
@@ -233,14 +233,14 @@ class FrameChecks:
         return ~in_limits(drives, self._lower, self._upper, _LIMIT_SLACK)
 
     def _not_compared(self) -> None:
-        """Say that too few rows have a position to fit the frames; rows out of reach are flagged as such.
+        """Report that too few rows have a position to fit the frames; rows out of reach are flagged as such.
 
-        Units of coordinates show in the linear map alone.
+        Units of coordinates are checked by the linear map alone.
         """
         seen, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
         whole, turned_only = int(seen.all(axis=1).sum()), np.flatnonzero(turned & ~seen.any(axis=1))
         if whole >= FEWEST_FOR_FRAMES or not (seen.any() or turned.any()):
-            return  # what is measured in distances or closures alone was never to be compared
+            return  # distances or closures alone are not meant to be compared
         mistakes = position_mistakes(self.campaign, self.drawing, self.data)
         for mistake, undone in _undone((m for m in mistakes if m.code is FlagCode.POSITION_UNIT), self.data):
             if self.data.stretched and not undone.stretched:
@@ -253,7 +253,7 @@ class FrameChecks:
         severity = Severity.NOTE  # single coordinates are measured on purpose
         if turned_only.size:
             message += f"; a rotation only is in {where(self.campaign, turned_only)}"
-            # Without any length nobody knows where the tracker stood.
+            # Without any length the place of the tracker is unknown.
             severity = Severity.WARNING if seen.any() or self.campaign.distance_m is not None else Severity.ERROR
         figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}
         code, names = FlagCode.NOT_COMPARED, columns.POSITION
@@ -273,8 +273,8 @@ class FrameChecks:
     def _positions(self) -> None:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
         fit, mirrored = self.data.fit(1.0, rotations=False), None
-        for _ in range(3 if np.isfinite(self.data.spread_m) else 0):  # one place tells of no unit or axis
-            # One column of three hardly shows in a robust misfit.
+        for _ in range(3 if np.isfinite(self.data.spread_m) else 0):  # one place determines no unit or axis
+            # A mistake in one column of three hardly shows in a robust misfit.
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
                 break
             before = fit.position_scale_m / self.data.size_m
@@ -298,12 +298,12 @@ class FrameChecks:
         self.fit = fit if alone else self.data.fit(self.campaign.metadata.metres_per_rad)
 
     def _which_axes(self, mistake: Mistake) -> None:
-        """Name the axes that are mirrored, where rotations tell them: as they are, they fit one mirror image only."""
+        """Name the mirrored axes where rotations determine them: as measured, these fit one mirror image only."""
         mirrored = reversed_x(self.data)
         tried = _undone(mirror_mistakes(self.campaign), mirrored)
         best = _least([one for one in _fitted(tried, _turn_misfit, _HOPELESS_RAD) if one[0] <= _HOPELESS_RAD])
         if best is None or len(best.equals) == len(tried) - 1:
-            return  # rotations do not tell
+            return  # rotations do not determine it
         named = dataclasses.replace(mistake, message=f"{LEFT_HANDED}: {best.told}")
         (k,) = (k for k, flag in enumerate(self.flags) if flag.code is mistake.code)
         headings = tuple(self.campaign.heading(name) for name in best.names)
@@ -317,10 +317,10 @@ class FrameChecks:
         return vectors is not None and int(np.isfinite(vectors).all(axis=1).sum()) >= FEWEST_FOR_FRAMES
 
     def _likeliest(self, most: float) -> Mistake | None:
-        """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
+        """Return the mistake that leaves the least misfit when undone, by some of the rows, with its equals.
 
-        None is named that leaves more than ``most``, a share of the spread; of equals none that takes drives further
-        beyond their limits than another.
+        It leaves ``most`` at most, a share of the spread. Of equals, those are dropped that take drives further beyond
+        their limits than another.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[evenly_spaced(complete.size, _TRIED_ROWS)]]
@@ -346,9 +346,9 @@ class FrameChecks:
         if before <= max(_SUSPECT_TURN_RAD, _SUSPECT_SIGMAS * sigma):
             return
         changes = [(m, undone, undone.turned_by(self.data)) for m, undone in _undone(TURN_MISTAKES, self.data)]
-        # A mistake that changes vectors so far may cause a misfit, of which the frames take up a part.
+        # A mistake that changes vectors by this much may cause the misfit; the frames take up a part of it.
         tried = [(m, undone) for m, undone, far in changes if far / _TAKEN_UP < before < far * _FAR_ROWS]
-        # Turns that errors alone make are smaller in any smaller unit; but no vector is longer than a whole turn.
+        # Rotations by errors alone are smaller in any smaller unit; but no vector is longer than a whole turn.
         whole = float(np.nanmedian(np.linalg.norm(vectors, axis=1))) > 2.0 * np.pi
         most = GAIN * (before if whole else min(before, self.data.turned_rad))
         left = _fitted(tried, _turn_misfit, most)
@@ -360,7 +360,7 @@ class FrameChecks:
             self._found(best.code, best.message, best.names, metrics)
             self.data = dict(tried)[best]
         elif before > _HOPELESS_RAD:
-            # A wrist whose ropes yield is off by degrees, and yet goes where it is sent.
+            # A wrist whose ropes yield is off by degrees, and still follows its commands.
             follows = before < GAIN * self.data.turned_rad
             self._no_agreement(columns.ROTATION, before / MRAD, "mrad", roughly=follows)
             self.data = self.data if follows else dataclasses.replace(self.data, rotation_vector_rad=None)
@@ -378,11 +378,11 @@ def _undone(mistakes: Iterable[Mistake], data: Comparison) -> list[tuple[Mistake
 
 
 def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
-    """Return the mistake that leaves the least misfit, with its equals; None: there is none."""
+    """Return the mistake that leaves the least misfit, with its equals; None if there is none."""
     if not left:
         return None
     equal = _EQUAL * min(misfit for misfit, _ in left)
-    # Of equals the device's come last: a slide that is counted from its other end is more usual.
+    # Of equals, mistakes of the device come last: a slide that is counted from its other end is more usual.
     in_order = sorted(left, key=lambda one: (one[0] > equal, one[1].code in _OF_THE_DEVICE, one[0]))
     (_, best), *others = in_order
     equals = (mistake.message for misfit, mistake in others if misfit < equal)
@@ -394,7 +394,7 @@ def _fitted(
 ) -> list[tuple[float, Mistake]]:
     """Return the misfit with each mistake undone, of those that may be the least or its equal, and at most ``most``.
 
-    ``misfit`` of data is told whether a rough one is enough.
+    ``misfit`` takes the data, and whether a rough fit is enough.
     """
     rough = [misfit(data, True) for _, data in tried]
     enough = _ROUGHLY * min([most, *rough])
@@ -404,7 +404,7 @@ def _fitted(
 
 
 def _turn_misfit(data: Comparison, rough: bool) -> float:
-    """Return what the frames leave of rotations, in rad, or of positions if they are worse for it."""
+    """Return the misfit of rotations after fitting the frames, in rad, or that of positions if it is worse."""
     # Rotations of the wrong sense could be fitted at the cost of positions.
     fit = data.fit(HOPELESS_M / _HOPELESS_RAD, rough=rough)
     return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / HOPELESS_M)

@@ -1,10 +1,9 @@
-"""Gross errors of single rows, before any fit; with them poses out of reach, and jumps of the measuring set-up.
+"""Gross errors of single rows, before any fit; also poses out of reach, and jumps of the measuring set-up.
 
-A robot's own errors vary smoothly with pose and conditions, or are the answer to a smooth error of its drives, which
-near a singular pose is large (:mod:`pouring_robot.checks.smooth_errors`). A wrong row is neither. So residuals are
-looked at twice: in the pose, and as the drive errors that would explain them; from both, what a low-order function of
-pose and conditions explains is taken. What a fit does with those that pass:
-:mod:`pouring_robot.inference.gross_errors`.
+A robot's errors vary smoothly with pose and conditions, or are due to smooth errors of its drives, whose effect is
+large near a singular pose (:mod:`pouring_robot.checks.smooth_errors`). A gross error is neither. So residuals are
+examined twice: in the pose, and as the drive errors that would explain them. From both, a low-order function of pose
+and conditions is subtracted. What a fit does with gross errors that pass: :mod:`pouring_robot.inference.gross_errors`.
 """
 
 from collections.abc import Iterator
@@ -37,12 +36,12 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import drive_parameters
 
 GROSS_SIGMAS = 8.0
-"""A row holds a gross error beyond so many robust deviations: in the pose, in the drives that would explain it, and of
-what errors of all joints explain. The deviation is that of a row against what the others foretell."""
+"""A row has a gross error beyond this many robust deviations: in the pose, in the drive errors that would explain it,
+and from what errors of all joints explain. The deviation is that of a row from the prediction by the others."""
 _PLAIN = 1.0
 _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
-_HIDING = 0.1  # share of wrong rows beyond which they set the deviation, of nine rows in ten, that they are judged by
-_TIMES_BETTER = 3.0  # rows that were moved together agree with frames of their own, and as the others do with theirs
+_HIDING = 0.1  # share beyond which wrong rows set the deviation they are judged by, that of nine rows in ten
+_TIMES_BETTER = 3.0  # rows that shifted together agree with frames of their own, as the others do with theirs
 _FEWEST = 12
 
 
@@ -59,12 +58,12 @@ def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
     if fit.rotation_residual_rad is not None:
         angle = np.linalg.norm(np.nan_to_num(fit.rotation_residual_rad), axis=1)
         plain = np.maximum(plain, angle / max(fit.rotation_scale_rad or 0.0, 1e-12))
-    # A row that is no worse than others before any smoothing has to stand out twice as far after it.
+    # A row that is no worse than others before smoothing must stand out twice as far after it.
     wrong = np.flatnonzero((score > GROSS_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * GROSS_SIGMAS)))
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
-    if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
+    if wrong.size:  # near the edge of reach joint errors do not act smoothly, but the other rows show them
         beyond = np.minimum(_beyond_joints(aligned, wrong), score[wrong])
-        # Under conditions that no other row had nobody knows what is right.
+        # Under conditions that no other row had, the correct pose is uncertain.
         uncertain = np.where(far[wrong], 0.0, prediction_variance(campaign, data.poses, wrong))
         wrong = wrong[beyond > GROSS_SIGMAS * np.sqrt(1.0 + uncertain)]
     apart = np.union1d(wrong, np.flatnonzero(plain > GROSS_SIGMAS))
@@ -75,7 +74,7 @@ def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
         yield _gross_error(campaign, row, float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from steps
     hidden = np.setdiff1d(alone[far[alone]], wrong)
-    if hidden.size > _HIDING * rows.size:  # near a singular pose small errors of drives take a sound row as far
+    if hidden.size > _HIDING * rows.size:  # near a singular pose small errors of drives move a sound row as far
         by_drives = np.abs(_by_drives(aligned)[0][hidden]).max(axis=1)
         if np.count_nonzero(by_drives > _IMPOSSIBLE_M) > _HIDING * rows.size:
             yield _belonging_elsewhere(
@@ -86,7 +85,7 @@ def check_rows(aligned: Aligned) -> Iterator[DataFlag]:
 def scores_of(aligned: Aligned) -> FloatArray:
     """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
 
-    The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off, or what they
+    The smaller of two: the deviation of its pose, and that of the drive errors that would explain it, or of what they
     leave. Near a singular pose the first is large for a sound row, but not the second.
     """
     (terms, pose), floors = aligned.smooth, aligned.floors
@@ -98,7 +97,7 @@ def scores_of(aligned: Aligned) -> FloatArray:
 
 
 def _by_drives(aligned: Aligned) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of drives that would explain each row best, and what they leave; see :func:`drive_errors`."""
+    """Return the drive errors that explain each row best, and the residuals they leave; see :func:`drive_errors`."""
     from_base = OuterFrames(pin.SE3.Identity(), aligned.fit.frames.T_end_target)
     local = drive_parameters(aligned.drawing.mechanism)
     effect = target_effect(aligned.drawing, aligned.data.drives, from_base, local)
@@ -110,8 +109,8 @@ def _by_drives(aligned: Aligned) -> tuple[FloatArray, FloatArray]:
 def _beyond_joints(aligned: Aligned, rows: Indices) -> FloatArray:
     """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
 
-    A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
-    where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
+    A deviation is that of the component after errors of joints, or after smooth errors where these explain more, as
+    where drives are off. Infinite where the campaign is too short for this; of a long one some rows suffice.
     """
     (smooth, pose), floors = aligned.smooth, aligned.floors
     used = np.union1d(rows, evenly_spaced(len(pose), TELLING_ROWS))
@@ -140,13 +139,13 @@ def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, sc
 
 
 def _off(campaign: Campaign, distance: float, angle: float) -> tuple[tuple[str, ...], str]:
-    """Return the columns that say how far a measured pose is off, in m and rad, and that in words."""
+    """Return the columns of a measured pose that is off by so much, in m and rad, and how far, in words."""
     turned = (columns.ROTATION, f" and {angle / MRAD:.3g} mrad") if campaign.full_pose else ((), "")
     return (*columns.POSITION, *turned[0]), f"{distance / MM:.3g} mm{turned[1]}"
 
 
 def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, angle: float) -> DataFlag:
-    """Return the finding of rows (k,) that are as many as hide each other where rows are judged by the others."""
+    """Return the finding of rows (k,) so many that they mask each other where rows are judged by the others."""
     names, off = _off(campaign, distance, angle)
     message = (
         f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} miss the nominal robot by "
@@ -159,7 +158,7 @@ def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, ang
 def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad: float) -> Indices:
     """Return rows (k,) without those, a tenth of all or more, that frames of their own explain.
 
-    There tracker or target were moved: once, or several times.
+    There tracker or target was moved, once or several times.
     """
     fewest = max(JUMP_WINDOW, len(data.poses) // 10)
     if rows.size < fewest:
@@ -177,7 +176,7 @@ def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad
 
 
 def _sizes(fit: FrameFit, metres_per_rad: float) -> FloatArray:
-    """Return what frames leave of each row, (n,), in m, an angle by the length that weighs as much."""
+    """Return the residual of each row after fitting frames, (n,), in m, an angle as the length of equal weight."""
     turn = 0.0 if fit.rotation_residual_rad is None else np.nan_to_num(fit.rotation_residual_rad)
     left = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
     return np.asarray(np.linalg.norm(left, axis=1))

@@ -10,18 +10,18 @@ from pouring_robot.estimation.noise import alike
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description.drawing import Drawing
 
-_SAME_PLACE_M = 1e-9  # what rounding adds to a place is less, and no device reads as fine
-_MOVED = 1e-3  # m or rad, by which drives stand apart
-_TOGETHER = 0.2  # drives that keep the target within this share of what they do each by itself work together
+_SAME_PLACE_M = 1e-9  # more than rounding adds to a place, and finer than any device reads
+_MOVED = 1e-3  # m or rad; drives that differ by more have moved
+_TOGETHER = 0.2  # share of the target's motion by drives independent of each other, below which they work together
 _LEAST_SHARE = 0.5  # share of the rows at a place that must have a pose
 
 
 def held_rows(campaign: Campaign, drawing: Drawing, poses: PoseStack) -> list[Indices]:
-    """Return the rows at each place where the drives together kept the target, by the drawing; none where they did not.
+    """Return the rows at each place where the drives together kept the target, by the drawing; else none.
 
-    The other reason why readings are alike to the last digit is a sensor that hung: then the drives moved as they
-    liked, and take the target as far as where each has the values that it had in other rows there. ``poses`` are those
-    of the drawing for the drives of the campaign, (n,).
+    Readings are also equal to the last digit where a sensor hung. Then the drives moved independently, and move the
+    target as far as if the values of each were permuted among the rows there. ``poses`` are the nominal ones for the
+    campaign's drives, (n,).
     """
     places = _places(campaign)
     if not places:
@@ -37,18 +37,18 @@ def held_rows(campaign: Campaign, drawing: Drawing, poses: PoseStack) -> list[In
 
 
 def at_one_place(campaign: Campaign, poses: PoseStack) -> PoseStack:
-    """Return poses (n,) that keep the target at one place in the rows in which it is stated to be at one.
+    """Return poses (n,) that keep the target at one place in the rows that state one place.
 
-    How far those of the drawing scatter there is the robot's error itself, and no cause of it.
+    The scatter of the nominal poses there is the robot's error itself, not a cause of it.
     """
     return PoseStack(poses.position_m - _from_one_place(poses, _places(campaign))[0], poses.rotation)
 
 
 def _places(campaign: Campaign) -> list[Indices]:
-    """Return the rows of a session that are stated to be at one place, to which other drives took the target each time.
+    """Return the rows of a session that are stated to be at one place, reached with different drives each time.
 
-    None where most rows have a place of their own: these were read by a device, which hung in the others. Drives that
-    move along a line turn the target about some point nearly, and would pass for a ball that sits there.
+    None where most rows have a place of their own: a device read these, and hung in the others. Drives that move along
+    a line nearly turn the target about some point, and would pass for a ball held there.
     """
     whole = np.flatnonzero(campaign.position_measured.all(axis=1) & np.isfinite(campaign.drives).all(axis=1))
     counted = np.round(campaign.position_m[whole] / _SAME_PLACE_M).astype(np.int64)
@@ -57,7 +57,7 @@ def _places(campaign: Campaign) -> list[Indices]:
 
 
 def _from_one_place(poses: PoseStack, places: Sequence[Indices]) -> tuple[FloatArray, FloatArray]:
-    """Return how far the target is from one place, (n, 3), in m, and where on the tool that is least, (3,), in m.
+    """Return the target's offset from one place, (n, 3), in m, and the point of the tool that minimises it, (3,), in m.
 
     0 in rows of no place, NaN without pose.
     """
@@ -71,7 +71,7 @@ def _from_one_place(poses: PoseStack, places: Sequence[Indices]) -> tuple[FloatA
 
 
 def _spread(target: FloatArray, places: Sequence[Indices]) -> float:
-    """Return the median distance of the target, (n, 3), from its middle at each place; NaN: too little is known."""
+    """Return the median distance of the target, (n, 3), from its mean at each place; NaN: too few are known."""
     known = np.isfinite(target[:, 0])
     there = [target[rows[known[rows]]] for rows in places if known[rows].any()]
     if sum(map(len, there)) < _LEAST_SHARE * sum(map(len, places)):

@@ -27,7 +27,7 @@ def jumps(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     for session, members in campaign.rows_by_session().items():
         rows = members[inliers[members]]
         command = commands(campaign.drives[rows])
-        # What is read again before the robot moved has the errors of that pose once more: it tells no more of a step.
+        # Readings repeated before the robot moves have the same errors of the pose: they say no more about a step.
         rows = rows[np.append(True, (np.diff(command, axis=0) != 0).any(axis=1))[: rows.size]]
         # With more terms than a quarter of the rows, they would explain any step.
         kept = terms[:, : max(1, rows.size // 4)]
@@ -40,7 +40,7 @@ def jumps(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
 def _jump(
     campaign: Campaign, session: str, rows: Indices, terms: FloatArray, pose: FloatArray, floors: FloatArray
 ) -> DataFlag | None:
-    """Fit a step at every place beside the smooth terms, keep the one that explains most, and judge it robustly."""
+    """Fit a step at every place along with the smooth terms, keep the one that explains most, and test it robustly."""
     places = np.unique(np.linspace(JUMP_WINDOW, len(rows) - JUMP_WINDOW, _JUMP_PLACES).astype(int))
     steps = (np.arange(len(rows))[:, None] >= places).astype(float)
     basis, _ = np.linalg.qr(terms)
@@ -53,9 +53,9 @@ def _jump(
     design = np.column_stack([terms, np.arange(len(rows)) >= place])
     fits = [robust_fit(design, pose[:, k], float(floors[k])) for k in range(pose.shape[1])]
     step = np.array([coefficients[-1] for coefficients, _, _ in fits])
-    # What of the step is none of the smooth terms: in rows that were sorted by pose, pose may pass for most of it.
-    told = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
-    size = float(told * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
+    # Part of the step outside the smooth terms: in rows sorted by pose, pose may explain most of it.
+    distinct = np.sqrt(power[best] / (place * (1.0 - place / len(rows))))
+    size = float(distinct * max(abs(coefficients[-1]) / scale for coefficients, _, scale in fits))
     if size < _JUMP_SIGMAS:
         return None
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
@@ -74,10 +74,10 @@ def _jump(
 
 
 def _beside_joints(aligned: Aligned, pose: FloatArray, rows: Indices, first: int) -> bool:
-    """Return whether residuals of a session's rows (k,) step from one on beside what errors of all joints do, too.
+    """Return whether residuals of a session's rows (k,) step at row ``first`` also after errors of all joints.
 
-    Where an arm changes to another posture errors of its joints step with it. A campaign that is too short to tell
-    joints from a step has one.
+    Where an arm changes its posture, the effects of joint errors step with it. A campaign too short to distinguish
+    joints from a step counts as having one.
     """
     before, behind = rows[rows < first], rows[rows >= first]
     some = [side[evenly_spaced(side.size, TELLING_ROWS)] for side in (before, behind)]
@@ -93,5 +93,5 @@ def _beside_joints(aligned: Aligned, pose: FloatArray, rows: Indices, first: int
     coefficients, _, scale = robust_fit(design, values, 1.0)
     count, after = within.sum(axis=0)
     variance = np.diag(np.linalg.pinv(design[known].T @ design[known], hermitian=True))[-len(floors) :]
-    told = 1.0 / np.sqrt(variance * after * (1.0 - after / count))
-    return bool((told * np.abs(coefficients[-len(floors) :]) > _JUMP_SIGMAS * scale).any())
+    distinct = 1.0 / np.sqrt(variance * after * (1.0 - after / count))
+    return bool((distinct * np.abs(coefficients[-len(floors) :]) > _JUMP_SIGMAS * scale).any())

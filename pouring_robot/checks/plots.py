@@ -16,9 +16,9 @@ from pouring_robot.report import plots
 from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, own_look, png_of
 from pouring_robot.robot.pouring.layout_schema import Layout
 
-# Vermilion is kept for what is wrong.
+# Vermilion is reserved for flagged rows.
 _COLOURS = (plots.BLUE, plots.ORANGE, plots.GREEN, plots.PURPLE, plots.SKY, "#8C6D1F", "#000000")
-_LETTERS = 130  # that stand beside each other under the picture
+_LETTERS = 130  # that fit into one line under the picture
 
 
 @own_look()
@@ -29,7 +29,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
     the file cannot be written.
     """
     figure = new_figure(11.0, 9.5, dpi=120)
-    # The box is four times as high as wide, so that the first two sights keep its shape.
+    # The box is four times as high as wide, so that the first two views keep its shape.
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = wrong_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
@@ -72,7 +72,7 @@ def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, 
 
 
 def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Indices) -> None:
-    """Draw each row's distance from the nominal robot, noise level beside it; logarithmic, for gross errors are far."""
+    """Draw each row's distance from the nominal robot, and the noise level; logarithmic, as gross errors are large."""
     place.set(title="measured against nominal robot, frames fitted", xlabel="line in file", ylabel="distance [mm]")
     place.grid(alpha=0.25)
     if found.fit is None:

@@ -1,6 +1,6 @@
-"""Smooth errors, which a row that is right may have: low-order functions of pose and conditions, or of drives.
+"""Smooth errors, which a correct row may have: low-order functions of pose and conditions, or of drives.
 
-What they leave of each row, judged without itself, and its robust deviation; the loss is Huber's, then Tukey's
+Each row has a leave-one-out residual, scaled by its robust deviation; the loss is Huber's, then Tukey's
 (:mod:`pouring_robot.estimation.robust`).
 """
 
@@ -26,17 +26,17 @@ from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 ROWS_PER_TERM = 4  # rows that a term of a smooth function needs
-TELLING_ROWS = 1000  # many times the errors of joints there are
+TELLING_ROWS = 1000  # many times the number of joint errors
 _RIDGE = 1e-3
-_STILL = 1e-4  # by which weights of 1 move at most in a last step: residuals then move by as little of their scale
-_NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
-_GAP_SIGMAS = 100.0  # of the rows that agree; tails of a crooked robot have no gap so wide
+_STILL = 1e-4  # largest change of weights, up to 1, in a last step: residuals then change by as little of their scale
+_NINETY_PER_CENT = 1.645  # standard deviations that nine in ten normal errors stay within
+_GAP_SIGMAS = 100.0  # of the rows that agree; tails of an inaccurate robot have no gap so wide
 _SLOW = ("time", "temperature")
 
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """A campaign beside the nominal robot, both frames fitted."""
+    """A campaign compared with the nominal robot, both frames fitted."""
 
     campaign: Campaign
     drawing: Drawing
@@ -45,7 +45,7 @@ class Aligned:
 
     @property
     def residuals(self) -> list[tuple[FloatArray, float]]:
-        """Those of positions and, if measured, rotations, (n, 3) each, in m and rad, with their noise."""
+        """Residuals of positions and, if measured, rotations, (n, 3) each, in m and rad, with their noise."""
         stated = self.campaign.metadata
         found = [(self.fit.position_residual_m, stated.sigma_position_m or LEAST_NOISE)]
         if self.fit.rotation_residual_rad is not None:
@@ -59,20 +59,20 @@ class Aligned:
 
     @functools.cached_property
     def smooth(self) -> tuple[FloatArray, FloatArray]:
-        """The smooth terms, and residuals in base axes, (n, 3) or (n, 6); a missing cell as others tell it."""
+        """The smooth terms, and residuals in base axes, (n, 3) or (n, 6); missing cells are predicted by others."""
         return self.smoothed(with_time=True)
 
     def smoothed(self, *, with_time: bool) -> tuple[FloatArray, FloatArray]:
-        """Return :attr:`smooth`, or the same without terms of what changes slowly."""
+        """Return :attr:`smooth`, or the same without terms of slowly changing conditions."""
         terms = _smooth_terms(self.campaign, at_one_place(self.campaign, self.data.poses), with_time)
         turn = self.fit.frames.T_tracker_base.rotation
         whole = (np.column_stack([_filled(terms, one, floor) for one in seen.T]) for seen, floor in self.residuals)
         return terms, np.concatenate([residual @ turn for residual in whole], axis=1)
 
     def joint_effect(self, rows: Indices) -> tuple[FloatArray, FloatArray]:
-        """Return how the target moves in rows (k,) with every drive, then every displacement of every joint.
+        """Return the Jacobian of the target in rows (k,) for every drive, then every displacement of every joint.
 
-        Shape (k, 6, p), see :func:`target_effect`; with it a small error of each, (p,), 1 mm or 1 mrad.
+        Shape (k, 6, p), see :func:`target_effect`; also a small error of each, (p,), 1 mm or 1 mrad.
         """
         catalogue = ParameterCatalogue(self.campaign.robot, self.drawing.mechanism)
         local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
@@ -80,7 +80,7 @@ class Aligned:
         return effect, np.array([shown_in(parameter.unit)[1] for parameter in local])
 
     def joint_terms(self, rows: Indices) -> FloatArray:
-        """Return what small errors of all joints and of the two frames do to residuals of rows (k,), in their noise.
+        """Return how small errors of all joints and of the two frames change residuals of rows (k,), over their noise.
 
         Shape (k, 3 or 6, terms), in base axes, as :attr:`smooth`; NaN where there is no pose.
         """
@@ -94,7 +94,7 @@ class Aligned:
 def target_effect(
     drawing: Drawing, drives: FloatArray, frames: OuterFrames, parameters: Sequence[GeometricParameter]
 ) -> FloatArray:
-    """Return how the target on the nominal robot moves with p parameters, (n, 6, p), in tracker axes; NaN without pose.
+    """Return the nominal robot's Jacobian of the target for p parameters, (n, 6, p), in tracker axes; NaN without pose.
 
     Displacement of its origin (m) and rotation vector (rad), per m and rad.
     """
@@ -110,10 +110,10 @@ def target_effect(
 def drive_errors(
     effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the drive errors that would explain residuals best, (n, drives), in m, and what these leave, as residuals.
+    """Return the drive errors that explain residuals best, (n, drives), in m, and the residuals they leave.
 
-    Both are NaN where the effect is not known. Where residuals do not fix all drives, the least such errors are
-    returned; what no drive moves is left.
+    Both are NaN where the effect is not known. Where residuals do not determine all drives, the smallest such errors
+    are returned; components that no drive moves are left.
 
     Args:
         effect: (n, 6, drives); see :func:`target_effect`.
@@ -134,10 +134,10 @@ def drive_errors(
 
 
 def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> FloatArray:
-    """Return the terms a smooth error may have, (n, terms), each scaled to its spread; NaN only where no pose is.
+    """Return the terms a smooth error may have, (n, terms), each scaled to its spread; NaN only without a pose.
 
-    Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough. The pose is its
-    position and what of its rotation varies.
+    Constant, linear in pose and conditions, and quadratic in the pose where there are enough rows. The pose is its
+    position and the varying components of its rotation.
     """
     terms, first = _linear_terms(campaign, poses, with_time)
     pose_terms = terms[1:first]
@@ -151,7 +151,7 @@ def _smooth_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> Floa
 
 
 def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
-    """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
+    """Return the constant and linear terms, (n,) each, and how many of the first depend on the pose alone."""
     pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
     kinds = {quantity.name: quantity.kind for quantity in campaign.robot.condition_columns}
     kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
@@ -161,18 +161,18 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
 
 
 def condition_terms(conditions: Iterable[FloatArray]) -> Iterator[FloatArray]:
-    """Yield conditions (n,) that vary, centred and over their spread; a missing cell stands in the middle."""
+    """Yield conditions (n,) that vary, centred and scaled to their spread; a missing cell is replaced by the median."""
     for values in conditions:
         if np.unique(values[np.isfinite(values)]).size > 1:
             yield np.nan_to_num(_scaled(values))
 
 
 def prediction_variance(campaign: Campaign, poses: PoseStack, rows: Indices) -> FloatArray:
-    """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
+    """Return the variance with which all other rows predict some rows (k,), over that of a row, (k,).
 
-    Of an error that is linear in pose and conditions. Beyond all that the others had it is large: they tell nothing
-    there. What conditions do may differ from pose to pose: usual rows by no more than they deviate, so that nothing is
-    added there, but rows under conditions that hardly another one had by much more.
+    The error predicted is linear in pose and conditions. The variance is large where the others would have to be
+    extrapolated. The effect of conditions may differ from pose to pose. For usual rows this adds no more than their
+    deviation, and is not counted; for rows under conditions that hardly another one had it adds much more.
     """
     linear, first = _linear_terms(campaign, poses, with_time=True)
     apart = [a * b for a in linear[1:first] for b in linear[first:]]
@@ -191,7 +191,7 @@ def prediction_variance(campaign: Campaign, poses: PoseStack, rows: Indices) -> 
 
 
 def _turns(poses: PoseStack) -> FloatArray:
-    """Return what varies of the rotation matrices, (n, up to 9): cosine and sine where they turn about one axis."""
+    """Return the varying components of rotation matrices, (n, up to 9): cosine and sine for turns about one axis."""
     rotation = poses.rotation.reshape(-1, 9)
     known = poses.complete
     middle = rotation[known].mean(axis=0)
@@ -200,33 +200,33 @@ def _turns(poses: PoseStack) -> FloatArray:
 
 
 def _scaled(values: FloatArray) -> FloatArray:
-    """Return values (n,) about their median, over their spread, NaN where there are none; 0 where they stand still."""
+    """Return values (n,) minus their median, over their spread, NaN where missing; 0 where they are constant."""
     spread = float(np.nanstd(values))
     centred = values - np.nanmedian(values)
     return centred / spread if spread > 1e-12 else 0.0 * centred
 
 
 def unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
-    """Return what the terms leave of a column of values, (n,), in robust deviations; see :func:`leftover`."""
+    """Return the sizes of the residuals of values from the terms, (n,), in robust deviations; see :func:`leftover`."""
     size, deviation = leftover(terms, values, floor)
     return size / deviation
 
 
 def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, float]:
-    """Return what smooth terms (n, t) leave of values, each row judged without itself, and its robust deviation.
+    """Return the sizes of leave-one-out residuals of values from smooth terms (n, t), and their robust deviation.
 
-    Of NaN rows nothing is left; ``floor`` is the least deviation that counts, in the unit of the values: the noise.
+    Sizes are 0 in NaN rows; ``floor`` is the least deviation, in the unit of the values: the noise.
     """
     _, left, scale = robust_fit(terms, values, floor)
     return sized(left, scale)
 
 
 def sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
-    """Return the sizes of leftovers (n,), 0 for NaN, and their robust deviation, which is no less than given.
+    """Return the sizes of residuals (n,), 0 for NaN, and their robust deviation, which is no less than ``least``.
 
-    Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale; but of those
-    that agree, as more than a tenth may be wrong. From the median, which fewer than half cannot move far, the scale
-    grows while the rows within its reach say so: over tails, not over a gap to rows that cannot be right.
+    Errors of an inaccurate robot have long tails, so nine rows in ten set the scale, not only the middle ones. Only
+    rows that agree count, as more than a tenth may be wrong. From the median, which fewer than half cannot move far,
+    the scale grows as long as the rows within its reach raise it: over tails, not over a gap to wrong rows.
     """
     size, deviation, before = np.abs(np.nan_to_num(left)), max(least, robust_sigma(left)), 0.0
     while deviation > before and np.isfinite(left).any():
@@ -236,7 +236,7 @@ def sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
 
 
 def _filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
-    """Return values (n,) with missing ones replaced by what the terms, fitted to the others, say of them."""
+    """Return values (n,) with missing ones predicted by the terms, fitted to the others."""
     if np.isfinite(values).all() or not np.isfinite(values).any():
         return values
     coefficients, _, _ = robust_fit(terms, values, floor)
@@ -244,11 +244,11 @@ def _filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
 
 
 def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return coefficients (terms,), leftover of each row judged without itself (n,), and its deviation."""
+    """Return coefficients (terms,), leave-one-out residuals (n,), and their deviation."""
     known = np.isfinite(values) & np.isfinite(terms).all(axis=1)
     design, target = terms[known], values[known]
     weight, ridge = np.ones(len(design)), _RIDGE * np.eye(design.shape[1])
-    # Huber first, which finds the way from anywhere; then Tukey, to which a gross error counts nothing.
+    # Huber first, which converges from any start; then Tukey, which gives gross errors no weight.
     for weights_of, steps in ((huber_weights, 8), (tukey_weights, 12)):
         for _ in range(steps):
             weighted = design * weight[:, None]

@@ -1,15 +1,15 @@
-"""Whether the stated noise can be true, and whether drives were rounded: what no cause can explain, row by row.
+"""Whether the stated noise can be true, and whether drives were rounded: by scatter that no smooth cause explains.
 
-Of one measured component of n rows, let r be what the nominal robot and the two frames leave over. Taken for normal,
+Let r be the residuals of one measured component, in n rows, of the nominal robot with both frames fitted. The model is
 
     r ~ N(0, σ² (f² I + t² Z Zᵀ)),  frames free,
 
-where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
-base and drives with every condition, session, side of approach and what is linear or quadratic in the position, and
-drives under what weight puts on them, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the noise; f and t are
-found by maximum likelihood, and f = 1 is judged by the likelihood ratio; then once more where drives also err in
-proportion to where all stand, where in proportion to where they stand and by waves of their turn, and where all joints
-shift with every temperature, as on links that grow.
+where Z has a column for all that may move the target smoothly, 1 mm or 1 mrad each over σ: every displacement of every
+joint, every drive, base and drives with every condition, session, side of approach and linear or quadratic term of the
+position, and drives under weight. The rest is the noise, f σ. f and t are found by maximum likelihood, and f = 1 is
+tested by the likelihood ratio. The test is repeated with more causes: drives that err in proportion to the values of
+all drives, drives that err in proportion to their own value and by waves of their turn, and shifts of all joints with
+every temperature, as on links that grow.
 """
 
 import functools
@@ -37,23 +37,23 @@ from pouring_robot.robot.description.drawing import Drawing
 
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
-_ORDERS = 8  # waves of a turn, as of encoders, gears and screws; they fall with the order
-_STILL_M = 1e-9  # positions that vary by less stand still
-_ROUNDED = 1e-6  # of a step: how near to its multiples values must be
+_ORDERS = 8  # of waves of a turn, as of encoders, gears and screws; their amplitude falls with the order
+_STILL_M = 1e-9  # positions that vary by less are constant
+_ROUNDED = 1e-6  # share of a step by which values may miss its multiples
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """What a measured component of n rows scatters by, found when it is asked for: one calm component says enough."""
+    """Scatter of a measured component of n rows, computed on demand: one component that scatters little suffices."""
 
-    residual: FloatArray  # over the noise that is stated, (n,)
-    free: FloatArray  # how the frames move it, (n, 12)
-    causes: FloatArray  # what may move it smoothly, over the noise, (n, c)
-    by_drives: FloatArray  # what one unit of white error of every drive would add, as a variance over that of the noise
+    residual: FloatArray  # over the stated noise, (n,)
+    free: FloatArray  # derivatives by the frames, (n, 12)
+    causes: FloatArray  # smooth causes, over the noise, (n, c)
+    by_drives: FloatArray  # variance that one unit of white error of every drive would add, over that of the noise
 
     @functools.cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """What the causes move and what there is, as variances, of each direction that the frames leave."""
+        """Variance of the causes and square of the residuals in each direction that the frames leave free."""
         outside = scipy.linalg.null_space((self.free / np.maximum(np.linalg.norm(self.free, axis=0), 1e-300)).T)
         seen = outside.T @ self.causes
         power, directions = np.linalg.eigh(seen @ seen.T)
@@ -85,7 +85,7 @@ class Scatter:
 
     @property
     def too_small(self) -> bool:
-        """Whether the stated noise is, by more than a data sheet may err and than chance explains."""
+        """Whether the stated noise is too small, by more than a data sheet may err and chance explains."""
         if self.factor <= LEAST_FACTOR:
             return False
         stated = scipy.optimize.minimize_scalar(
@@ -100,7 +100,7 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     sound = data.poses.complete & campaign.usable & np.isfinite(data.position_m).all(axis=1)
     sound[wrong] = False
     rows = np.flatnonzero(sound)
-    # Frames that each session has for itself were fitted to these rows, and are none of the causes below.
+    # Separate frames of each session were fitted to these rows, and are not among the causes below.
     apart = campaign.metadata.own_frames
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
@@ -113,12 +113,12 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     yield from rounded
     if rounded or not all(one.too_small for one in scatters):
         return
-    # What weight does takes a closure a row, waves are many: they are worked out only where they may be what scatters.
+    # Effects of weight need a closure a row, and waves are many: they are computed only where they may explain scatter.
     by_drive = list(_by_weight(campaign, aligned.drawing, data.drives[rows], rows))
     scatters = _scatters(aligned, rows, effect, by_drive)
     if not all(one.too_small for one in scatters):
         return
-    # Of few rows each of these explains a part of any noise: it may clear it, but how large it is the others say.
+    # With few rows each of these explains a part of any noise: it may acquit the noise, but the others estimate it.
     warm = (np.tile(values, (len(effect[1]), 1)).T for values in _conditions(campaign, rows, "temperature"))
     moved = _in_proportion(data.drives[rows])
     along = (np.roll(moved, shift, axis=1) for shift in range(moved.shape[1]))  # each with each, itself among them
@@ -138,10 +138,10 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
 def _scatters(
     aligned: Aligned, rows: Indices, effect: tuple[FloatArray, FloatArray], more: Iterable[FloatArray] = ()
 ) -> list[Scatter]:
-    """Return what each component of some rows scatters by.
+    """Return the scatter of each component of some rows.
 
-    ``effect`` is that of every joint, see :meth:`Aligned.joint_effect`; ``more`` are more causes, an error in the rows
-    of every drive, (n, D) each, or of all that the effect is of, (n, p).
+    ``effect`` is that of every joint, see :meth:`Aligned.joint_effect`; ``more`` are more causes, (n, D) or (n, p)
+    each: errors row by row of every drive, or of every parameter of the effect.
     """
     campaign, data, (moved, units) = aligned.campaign, aligned.data, effect
     frames = aligned.fit.frames.jacobian(data.poses[rows])
@@ -165,7 +165,7 @@ def _scatters(
 
 
 def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: Indices) -> Iterator[FloatArray]:
-    """Yield what weight puts on drives, (n, D), over the most on each: that of the links, of a load, of its change."""
+    """Yield forces of weight on drives, (n, D), over the largest on each: of the links, of a load, of its change."""
     robot, engine = campaign.robot, drawing.engine
     closed, mechanism = engine.close(drives, drawing.starts(drives)), engine.structure.mechanism
     ladle = None if robot.own_weight else campaign.metadata.ladle_centre_of_mass_m  # then it is among the links
@@ -178,7 +178,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     if loads is not None and np.isfinite(loads[rows]).any():
         forces.append(share * np.where(np.isfinite(loads[rows]), loads[rows], np.nanmedian(loads[rows]))[:, None])
     for force in forces:
-        # Where weight puts nothing, round-off must not be made large: it would pass for noise.
+        # Where weight exerts no force, round-off must not be magnified: it would pass for noise.
         yield force / np.maximum(np.abs(force).max(axis=0), _ROUND_OFF)
 
 
@@ -188,7 +188,7 @@ def _in_proportion(drives: FloatArray) -> FloatArray:
 
 
 def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray]:
-    """Yield what goes by each drive's own value, (n, D): in proportion, and waves of a turn of joint or motor."""
+    """Yield functions of each drive's own value, (n, D): proportional, and waves of a turn of joint or motor."""
     yield _in_proportion(drives)
     own = zip(campaign.robot.drives, drives.T, strict=True)
     turned = np.transpose([drive.turned(values, campaign.metadata.screw_pitch_m) for drive, values in own])
@@ -197,9 +197,9 @@ def _by_own_place(campaign: Campaign, drives: FloatArray) -> Iterator[FloatArray
 
 
 def _bends(position_m: FloatArray) -> Iterator[FloatArray]:
-    """Yield what is linear and quadratic in positions (n, 3), (n,) each: such as guides that bow."""
+    """Yield linear and quadratic terms of positions (n, 3), (n,) each, as of guides that bow."""
     spread = np.ptp(position_m, axis=0)
-    varied = spread > _STILL_M  # else round-off would be made large
+    varied = spread > _STILL_M  # else round-off would be magnified
     x = 2.0 * (position_m - position_m.mean(axis=0))[:, varied] / spread[varied]
     yield from x.T
     yield from (x[:, i] * x[:, k] for i, k in itertools.combinations_with_replacement(range(x.shape[1]), 2))
@@ -213,13 +213,13 @@ def _conditions(campaign: Campaign, rows: Indices, kind: str = "") -> Iterator[F
 
 
 def _sessions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
-    """Yield all sessions but the first, 1 in their rows."""
+    """Yield an indicator of each session but the first, 1 in its rows."""
     for session in list(campaign.rows_by_session().values())[1:]:
         yield np.isin(rows, session).astype(float)
 
 
 def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:
-    """Yield drives that are given in steps, if errors as large as half a step are there."""
+    """Yield drives that are given in steps, if the scatter is that of errors of half a step."""
     names = columns.drive_names(campaign.robot)
     given = zip(campaign.drives[campaign.usable].T, campaign.robot.drives, strict=True)
     steps = [_step(values, drive.unit) for values, drive in given]

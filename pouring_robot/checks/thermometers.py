@@ -1,8 +1,8 @@
 """Checks of temperatures: sensors that hung, jumped or came off, columns exchanged or in another unit.
 
 Cold parts have the hall's temperature, and nothing cools them below it. A hall that reads more than
-:data:`HOTTEST_HALL_DEGC` may be one of 13 °C, told in °F, below which nobody works hard indoors (HSE, Approved Code of
-Practice L24, regulation 7), or stand by a furnace.
+:data:`HOTTEST_HALL_DEGC` may be at 13 °C, given in °F, below which nobody works hard indoors (HSE, Approved Code of
+Practice L24, regulation 7), or next to a furnace.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,13 +19,13 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma, ru
 HOTTEST_HALL_DEGC, COLDEST_HALL_DEGC = 55.0, -30.0
 _SHORTEST_RUN = 10
 _SPIKE_K = 25.0
-_COLD_K = 10.0  # so near the hall's temperature a part is cold
+_COLD_K = 10.0  # a part within this of the hall's temperature is cold
 _ALIKE_K = 5.0  # cold parts differ by less
-_APART_K = 30.0  # so far from the hall no part is that is as cold as the others
+_APART_K = 30.0  # no part as cold as the others is this far from the hall
 _FEWEST_COLD = 3
 _NEARLY_ALL = 0.9
-_MOVING_K = 5.0  # a thermometer that spreads by more follows something
-_APART_TIMES = 3.0  # by so much parts come further apart, in proportion to how warm they are
+_MOVING_K = 5.0  # a thermometer with a larger range follows something
+_APART_TIMES = 3.0  # factor by which the parts' spread grows, in proportion to their warmth
 _MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
     ("kelvin", lambda values: values + ABSOLUTE_ZERO_DEGC),
     ("degrees Fahrenheit", lambda values: (values - 32.0) / 1.8),
@@ -33,7 +33,7 @@ _MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
 
 
 def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
-    """Yield what is wrong with the temperatures."""
+    """Yield mistakes in the temperatures."""
     if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
         yield flagged(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
     yield from _stuck_temperatures(campaign)
@@ -45,7 +45,7 @@ def check_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a sensor on the robot that stands still while most of its neighbours change."""
+    """Find a sensor on the robot that keeps one value while most of the others change."""
     names = [name for name in readings(campaign) if name != columns.AMBIENT]
     changes = {name: np.diff(campaign.conditions[name]) != 0.0 for name in names}
     for name in names:
@@ -56,7 +56,7 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
+    """Find single readings far from both neighbours: a leg or a hall does not warm and cool within one pose."""
     for name in readings(campaign) if len(campaign) >= 5 else ():
         values = campaign.conditions[name]
         before, now, after = values[:-2], values[1:-1], values[2:]
@@ -70,14 +70,14 @@ def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a sensor on the robot that is at once as cold as the hall and stays so: it came off, or was not on yet.
+    """Find a sensor on the robot that is suddenly as cold as the hall and stays so: it came off, or was not on yet.
 
-    No part cools so while most others keep their warmth: their time constants do not differ as much. What a source of
-    heat is at is left alone, as its ladle may be lifted off.
+    No part cools like this while most others stay warm: their time constants do not differ as much. Sensors at sources
+    of heat are exempt, as a ladle may be lifted off.
     """
     hall, read = campaign.conditions.get(columns.AMBIENT), readings(campaign)
     parts = [name for name in _warmed(campaign) if name in read]
-    if hall is None or len(parts) < 3:  # that others are warm, two must say
+    if hall is None or len(parts) < 3:  # two others must show that parts are warm
         return
     warmth = {name: campaign.conditions[name] - hall for name in parts}
     for name, own in warmth.items():
@@ -93,7 +93,7 @@ def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _cold_at_once(own: FloatArray, others: FloatArray) -> Iterator[tuple[Indices, float]]:
-    """Yield runs of rows that are cold all at once, and by how much, given warmth of a part (n,) and of others (k, n).
+    """Yield runs of rows that are suddenly cold, and the step, given warmth of a part (n,) and of others (k, n).
 
     Both are in K above the hall.
     """
@@ -109,10 +109,10 @@ def _cold_at_once(own: FloatArray, others: FloatArray) -> Iterator[tuple[Indices
 
 
 def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a sensor that never moves in the whole campaign while others do, and that is none of a source kept hot."""
+    """Find a sensor that never changes in the whole campaign while others do, and is not at a source kept hot."""
     names = _parts(campaign)
     spread = {name: float(np.ptp(known(campaign, name))) for name in names}
-    # Of those that flicker from row to row one knows that they were read, and finely.
+    # Those that flicker from row to row were certainly read, and finely.
     lively = [n for n in names if spread[n] > _MOVING_K and np.mean(np.diff(known(campaign, n)) != 0.0) > 0.5]
     still = [name for name in names if spread[name] == 0.0 and 2 * known(campaign, name).size > len(campaign)]
     for name in still if len(lively) >= 2 else ():
@@ -131,7 +131,7 @@ def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
     if hall is None or (hottest := float(np.nanmax(hall))) <= HOTTEST_HALL_DEGC:
         return
     colder = [name for name in _parts(campaign) if _like_a_hall(campaign.conditions[name], hall)]
-    # A hall that warms is ahead of all parts, too.
+    # A hall that warms up is ahead of all parts, too.
     warms = len(colder) > 1 and hottest <= SURROUNDINGS_DEGC[1] and {*_warmed(campaign)} <= {*colder}
     if colder and not warms:
         headings = " and ".join(f"'{campaign.heading(column)}'" for column in (columns.AMBIENT, colder[0]))
@@ -160,7 +160,7 @@ def _units(campaign: Campaign) -> Iterator[DataFlag]:
     flags += _no_temperature(campaign, columns.AMBIENT, SURROUNDINGS_DEGC[1], Severity.ERROR)
     flags = flags or list(_hall_in_fahrenheit(campaign, hall))
     yield from flags
-    if not flags and len(parts) >= 3:  # which are cold, two others must say
+    if not flags and len(parts) >= 3:  # two others must show which rows are cold
         yield from list(_one_in_another_unit(campaign, hall, parts)) or _begun_in_another_unit(campaign, hall)
 
 
@@ -182,11 +182,12 @@ def _one_in_another_unit(campaign: Campaign, hall: FloatArray, parts: Sequence[s
 
 
 def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFlag]:
-    """Find three parts or more that begin as warm as the hall (n,) is in kelvin or °F, and come apart from there.
+    """Find three parts or more that begin as warm as the hall (n,) is in kelvin or °F, and diverge from there.
 
-    All others begin cold. The parts of a sound machine that begins so warm are rather as unlike as later, in proportion
-    to their warmth. Drawn up to 100 K warm at its begin and 100 to 250 K later, with parts unlike by 10 or 20 %, two
-    machines of a thousand with four parts do what is asked here (°F), and five with three: it is a warning.
+    All others begin cold. In a sound machine that begins so warm, the parts differ as much at first as later, in
+    proportion to their warmth. In a simulation of machines with parts up to 100 K warm at first and 100 to 250 K later,
+    which differ by 10 or 20 %, this test (°F) is met by two machines of a thousand with four parts, and five with
+    three: it is a warning.
     """
     parts = _warmed(campaign)
     warmth = {name: campaign.conditions[name] - hall for name in parts}
@@ -209,14 +210,14 @@ def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[Dat
 
 
 def _begin(values: FloatArray) -> float:
-    """Return the first of values (n,) that is known; NaN where none is."""
+    """Return the first known value of (n,); NaN where there is none."""
     return float(next(iter(values[np.isfinite(values)]), np.nan))
 
 
 def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find parts that begin at one temperature, which in kelvin is a hall's, where none says how warm that is."""
+    """Find parts with one lowest temperature, which in kelvin is a hall's, where no hall temperature is given."""
     parts = _parts(campaign)
-    # Several parts are not hot and alike by chance; where none is made hot, neither is a single one.
+    # Several parts are not equally hot by chance; where none is heated, a single one is not hot either.
     if len(parts) > bool(campaign.robot.expected_thermometers):
         coldest = [float(known(campaign, name).min()) for name in parts]
         low, high = min(coldest), max(coldest)
@@ -227,9 +228,9 @@ def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _hottest(campaign: Campaign, name: str) -> float:
-    """Return how hot a part may be in the middle of a campaign, in °C: nearer to the hottest like it than in kelvin.
+    """Return the highest median temperature a part may have, in °C: nearer to the hottest like it than in kelvin.
 
-    Two others of its kind at least must say; else melting iron.
+    At least two others of its kind must be read; otherwise it is that of melting iron.
     """
     kinds = campaign.robot.causes.thermometers if campaign.robot.causes else ()
     others = {other for kind in kinds if name in kind.members for other in kind.members if other != name}
@@ -238,7 +239,7 @@ def _hottest(campaign: Campaign, name: str) -> float:
 
 
 def _no_temperature(campaign: Campaign, name: str, hottest: float, severity: Severity) -> Iterator[DataFlag]:
-    """Find a column that is colder than any surroundings, or hotter than it can be, given that in °C."""
+    """Find a column that is colder than any surroundings, or hotter than it can be, ``hottest``, in °C."""
     middle, coldest = float(np.median(known(campaign, name))), SURROUNDINGS_DEGC[0]
     if coldest <= middle <= hottest:
         return
@@ -250,7 +251,7 @@ def _no_temperature(campaign: Campaign, name: str, hottest: float, severity: Sev
 
 
 def _hall_in_fahrenheit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFlag]:
-    """Find a hall (n,) so hot in °C that °F may be meant; in error where parts are colder, as nothing cools them."""
+    """Find a hall (n,) so hot in °C that °F may be meant; an error where parts are colder, as nothing cools them."""
     middle, parts = float(np.nanmedian(hall)), _warmed(campaign)
     if middle <= HOTTEST_HALL_DEGC or campaign.heading(columns.AMBIENT).endswith("_K"):
         return
@@ -264,18 +265,18 @@ def _hall_in_fahrenheit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFl
 
 
 def readings(campaign: Campaign) -> tuple[str, ...]:
-    """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
+    """Return the temperatures that were read: one that rarely changes was set, or is read coarsely."""
     given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
     return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
 
 
 def _parts(campaign: Campaign) -> tuple[str, ...]:
-    """Return the thermometers on the robot that were read, moved or not."""
+    """Return the thermometers on the robot that were read, whether they changed or not."""
     return tuple(name for name in campaign.robot.thermometers if name in campaign.conditions)
 
 
 def _warmed(campaign: Campaign) -> tuple[str, ...]:
-    """Return those of them that are on no source of heat."""
+    """Return the thermometers that were read and are on no source of heat."""
     kinds = campaign.robot.causes.thermometers if campaign.robot.causes else ()
     sources = {name for kind in kinds if kind.hot_degC is not None for name in kind.members}
     return tuple(name for name in _parts(campaign) if name not in sources)

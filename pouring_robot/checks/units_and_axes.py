@@ -1,4 +1,4 @@
-"""The usual mistakes of a campaign's positions and drives, each with what undoes it: units, frames, axes, columns."""
+"""Usual mistakes in a campaign's positions and drives, each with its correction: units, frames, axes, columns."""
 
 import dataclasses
 import functools
@@ -36,28 +36,28 @@ ANGLE_MISTAKES = (
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 LEFT_HANDED = "the axes of the measured positions are left-handed"
 HOPELESS_M, GAIN = 0.02, 0.2
-"""Misfits above the one no robot's errors explain; what a mistake leaves of one, undone, is no more than the other."""
+"""No robot's errors explain misfits above the first; a mistake, undone, leaves at most the second, a share of them."""
 _ALIKE, _OF_A_UNIT = 0.98, 0.2
-"""From which correlation on the drawing tells the unit of distances, and how near to one it says that they are."""
-_TELLING_SPREAD = 1e-2  # below it the affine map says little
-_NEARLY = 5.0  # the nearest of the mistaken units are further apart
-_UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
-_REACHED = 0.8  # share of the rows that must have a pose with drives put right
-_GLANCE = 20  # rows, of which fewer than half have a pose once in 2,000 times where that share of all has (binomial)
-_QUARTER_TURNS = (90, -90, 180, -180)  # between the usual zeros of a turning joint, in degrees; limits tell half turns
-_PARALLEL = 1.0 - 1e-6  # cosine of the angle between axes that are drawn parallel, to what a drawing rounds off
-_MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
+"""Least correlation at which the drawing determines the unit of distances, and how near its factor must be to one."""
+_TELLING_SPREAD = 1e-2  # below it the affine map is poorly determined
+_NEARLY = 5.0  # stretch of a nearly rigid map; the nearest of the mistaken units differ by more
+_UNITS_APART = 1e-3  # ratio of spreads, smaller than two units of length explain: the target alone moved
+_REACHED = 0.8  # share of the rows that must have a pose with corrected drives
+_GLANCE = 20  # rows; if that share of all has a pose, fewer than half of these do once in 2,000 times (binomial)
+_QUARTER_TURNS = (90, -90, 180, -180)  # degrees between usual zeros of a turning joint; limits distinguish half turns
+_PARALLEL = 1.0 - 1e-6  # cosine between axes that are parallel in the drawing, up to its rounding
+_MOST_ORDERED = 3  # up to so many drives of a kind all orders are tried; of more, exchanges of any two
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Commands and measurements side by side, as far as the mistakes found are undone."""
+    """Commands and measurements, with the mistakes found so far undone."""
 
     drives: FloatArray  # (n, drives), in m and rad
     poses: PoseStack  # nominal poses for them; NaN where there are none
     position_m: FloatArray  # measured, (n, 3)
     rotation_vector_rad: FloatArray | None  # measured, (n, 3); None: none was
-    inverted: bool = False  # whether the measured poses are those of the tracker's side seen from the end body's
+    inverted: bool = False  # whether the measured poses are inverse: the tracker seen from the end body
 
     def __getitem__(self, rows: Indices) -> Self:
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]
@@ -65,20 +65,20 @@ class Comparison:
 
     @property
     def spread_m(self) -> float:
-        """Median distance of the measured positions from their middle, in m."""
+        """Median distance of the measured positions from their median, in m."""
         return _spread(self.position_m) or math.inf
 
     @property
     def size_m(self) -> float:
-        """What misfits of positions are counted in, in m: the lesser spread, measured or commanded.
+        """Scale of misfits of positions, in m: the smaller of the measured and the commanded spread.
 
-        Positions a thousand times smaller miss by a thousand times less; that alone is no better.
+        Positions a thousand times smaller have a misfit a thousand times smaller; that alone is no improvement.
         """
         return min(self.spread_m, max(_spread(self.poses.position_m), _UNITS_APART * self.spread_m))
 
     @property
     def turned_rad(self) -> float:
-        """Median angle by which commanded rotations are turned from their middle, in rad; of a large one its chord."""
+        """Median angle between commanded rotations and their mean, in rad; of a large angle its chord."""
         rotation = self.poses.rotation[self.poses.complete]
         return float(np.median(np.linalg.norm(rotation - rotation.mean(axis=0), axis=(1, 2)))) / math.sqrt(2.0)
 
@@ -86,7 +86,7 @@ class Comparison:
     def affine(self) -> FloatArray:
         """The linear map from commanded to measured positions, (3, 3), rigid for sound data.
 
-        Each coordinate by the rows in which it was measured; NaN of one of which they say little.
+        Each coordinate is fitted to the rows in which it was measured; NaN where these determine it poorly.
         """
         found = np.full((3, 3), np.nan)
         for k, measured in enumerate(np.isfinite(self.position_m).T):
@@ -98,7 +98,7 @@ class Comparison:
 
     @property
     def stretched(self) -> bool:
-        """Whether a column of positions has another unit than the drives: the map is far from rigid along it."""
+        """Whether a column of positions has a unit other than the drives': the map is far from rigid along it."""
         return bool(_stretches(self.affine, 1.0).any())
 
     def fit(self, metres_per_rad: float, *, rotations: bool = True, rough: bool = False) -> FrameFit:
@@ -113,11 +113,11 @@ class Comparison:
         return self if vectors is None else dataclasses.replace(self, rotation_vector_rad=change(vectors))
 
     def inverse(self) -> Self:
-        """Return the same with the measured poses taken for those of the tracker's side."""
+        """Return the same with the measured poses taken as inverse: the tracker seen from the target."""
         return dataclasses.replace(self, poses=self.poses.inverse(), inverted=True)
 
     def turned_by(self, other: Self) -> float:
-        """Return how far rotation vectors are from another's, beside a common change: in rad, half a turn at most."""
+        """Return how far rotation vectors are from another's, but for a common change, in rad, at most half a turn."""
         if self.rotation_vector_rad is None or other.rotation_vector_rad is None:
             return 0.0
         return min(_spread(self.rotation_vector_rad - other.rotation_vector_rad), math.pi)
@@ -141,14 +141,14 @@ def _stretches(affine: FloatArray, factor: float) -> BoolArray:
 
 
 def _spread(vectors: FloatArray) -> float:
-    """Return the median distance of vectors (n, 3) from their middle, in their unit."""
-    median = np.nanmedian if np.isnan(vectors).any() else np.median  # that of a few hundred rows, ten times as fast
+    """Return the median distance of vectors (n, 3) from their median, in their unit."""
+    median = np.nanmedian if np.isnan(vectors).any() else np.median  # ten times as fast for a few hundred rows
     return float(median(np.linalg.norm(vectors - median(vectors, axis=0), axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """A usual mistake as it would be told, the quantities it is about, and what undoes it (None: it cannot be)."""
+    """A usual mistake: its message, the quantities concerned, and what undoes it (None: it cannot be undone)."""
 
     code: FlagCode
     message: str
@@ -158,12 +158,12 @@ class Mistake:
 
     @property
     def told(self) -> str:
-        """The message, with what is as well possible."""
+        """The message, with those of mistakes that are equally possible."""
         return "; as well possible: ".join([self.message, *self.equals])
 
 
 def _turned(code: FlagCode, message: str, change: Change, names: Sequence[str] = columns.ROTATION) -> Mistake:
-    """Return a mistake of rotation vectors; the change takes rows (n, 3) of what was read to vectors in rad."""
+    """Return a mistake of rotation vectors; the change converts rows (n, 3) as read into vectors in rad."""
     return Mistake(code, message, names, lambda data: data.turned(change))
 
 
@@ -205,13 +205,13 @@ TURN_MISTAKES = tuple(_turn_mistakes())
 
 
 def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
-    """Find distances from the fixed point that are in another unit or counted from elsewhere, by the drawing's poses.
+    """Find distances from the fixed point that have another unit or zero, by the nominal poses.
 
-    Of a target at t on a body at p, R and a point c it is d² = |p|² + 2 p·Rt - 2 c·(p + Rt) + |t|² + |c|². So whatever
-    t and c are, what the other terms cannot make of |p|² is in d² once, in the square of its unit. Where they make all
-    of it, as of a body that turns about the end of one crank, nothing is told. A device that counts from elsewhere, as
-    a draw wire from its own zero, reads r = d - s, and d² = r² + 2 s r + s²: what is left of |p|² is that of r², and
-    2 s times that of r.
+    For a target at t on a body at p, R and a point c, d² = |p|² + 2 p·Rt - 2 c·(p + Rt) + |t|² + |c|². So whatever t
+    and c are, the part of |p|² that the other terms cannot explain is in d² once, in the square of its unit. Where they
+    explain all of it, as for a body that turns about the end of one crank, nothing can be said. A device with another
+    zero, such as a draw wire, reads r = d - s, and d² = r² + 2 s r + s²: the unexplained part of |p|² is that of r²
+    plus 2 s times that of r.
     """
     if campaign.distance_m is None:
         return
@@ -225,16 +225,16 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
         return
     read = distance[rows]
     terms = np.column_stack([np.square(place).sum(axis=1), np.square(read), read])
-    drawn, seen, once = (terms - axes @ (axes.T @ terms)).T
+    drawn, measured, once = (terms - axes @ (axes.T @ terms)).T
     heading, quantities = campaign.heading(columns.DISTANCE), [columns.DISTANCE]
-    if wrong := _other_unit(drawn, seen):
+    if wrong := _other_unit(drawn, measured):
         message = f"column '{heading}' seems to hold {wrong}"
         yield flagged(campaign, FlagCode.DISTANCE_UNIT, message, quantities=quantities)
         return
-    short = float(once @ (drawn - seen)) / (2.0 * max(float(once @ once), np.finfo(float).tiny))
-    # Of a distance what half of its square misses by, over it; most of what is short the unknown places take up.
-    before, after = (rms((seen + 2.0 * s * once - drawn) / (2.0 * read)) for s in (0.0, short))
-    possible = bool((read + 2.0 * short > 0.0).all())  # nothing reads twice of what there is by a wrong zero
+    short = float(once @ (drawn - measured)) / (2.0 * max(float(once @ once), np.finfo(float).tiny))
+    # Misfit of a distance: half that of its square, over it; the unknown places take up most of what is missing.
+    before, after = (rms((measured + 2.0 * s * once - drawn) / (2.0 * read)) for s in (0.0, short))
+    possible = bool((read + 2.0 * short > 0.0).all())  # no wrong zero doubles a reading
     if possible and abs(short) > HOPELESS_M and after < GAIN * before:
         message = f"distances in '{heading}' seem to be {short / MM:.3g} mm short, all alike: wherever device and "
         message += f"target are they miss the robot by {before / MM:.3g} mm, and with so much more by {after / MM:.3g}"
@@ -242,10 +242,10 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
         yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=quantities, metrics=figures)
 
 
-def _other_unit(drawn: FloatArray, seen: FloatArray) -> str:
-    """Return which mistake of units makes squares of distances (n,) what is seen of them, in words; "" for none."""
-    together, size = float(drawn @ seen), float(drawn @ drawn)
-    if not together > _ALIKE * math.sqrt(size * float(seen @ seen)):
+def _other_unit(drawn: FloatArray, measured: FloatArray) -> str:
+    """Return in words the mistake of units between drawn and measured squares of distances (n,); "" for none."""
+    together, size = float(drawn @ measured), float(drawn @ drawn)
+    if not together > _ALIKE * math.sqrt(size * float(measured @ measured)):
         return ""
     factor = math.sqrt(together / size)
     return next((wrong for unit, wrong in LENGTH_MISTAKES if abs(unit * factor - 1.0) < _OF_A_UNIT), "")
@@ -275,7 +275,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
 
 
 def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
-    """Yield every way in which positions become left-handed; of poses, rotations may tell which it is."""
+    """Yield every way in which positions become left-handed; measured rotations may show which it is."""
     headings, code = [campaign.heading(name) for name in columns.POSITION], FlagCode.MIRRORED_AXES
     for k, heading in enumerate(headings):
         undo = functools.partial(_placed, factor=np.where(np.arange(3) == k, -1.0, 1.0))
@@ -291,7 +291,7 @@ def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
 
 
 def reversed_x(data: Comparison) -> Comparison:
-    """Return the same with x reversed: of positions alone any mirror image is as good."""
+    """Return the same with x reversed: positions alone fit any mirror image equally well."""
     return _placed(data, np.array([-1.0, 1.0, 1.0]))
 
 
@@ -301,19 +301,19 @@ def _placed(data: Comparison, factor: float | FloatArray = 1.0, order: Indices |
 
 
 def _mirrored(data: Comparison) -> Comparison:
-    """Return the same with positions and rotations seen in a mirror: where x is reversed, turns about y and z are."""
+    """Return the same with positions and rotations mirrored: x is reversed, and so are turns about y and z."""
     return reversed_x(data).turned(functools.partial(np.multiply, [1.0, -1.0, -1.0]))
 
 
 def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
-    """Yield wrong units of single drives, and of all of a kind; counts of another sign or start; exchanged columns."""
+    """Yield wrong units of single drives, and of all of a kind; wrong signs and zeros; exchanged columns."""
     drives = campaign.robot.drives
     headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
     places, same = np.arange(len(drives)), np.eye(len(drives))
     flipped = [np.diag(np.where(places == k, -1.0, 1.0)) for k in places]
 
     def mistake(code: FlagCode, message: str, change: FloatArray, shift: float | FloatArray = 0.0) -> Mistake:
-        """Return one of drives; the right values are those given times a matrix, and so much more."""
+        """Return a mistake of drives; the correct values are those given times a matrix, plus a shift."""
         moved = np.flatnonzero((change != same).any(axis=0) | (np.asarray(shift) != 0.0))
         names = [drives[k].column for k in moved]
         return Mistake(
@@ -337,7 +337,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
                 f"(a negative ratio, zero: {ends - drive.zero:.6g})"
             )
             yield mistake(FlagCode.DRIVE_REVERSED, message, flipped[k], ends * (places == k))
-    # Turning drives may count from another zero: controllers, and tables of links, differ by quarter turns.
+    # Turning drives may have another zero: those of controllers, and of tables of links, differ by quarter turns.
     turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
     for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):
         zero = drive.zero + math.radians(turn)  # whole turns away it may be beyond the joint's limits
@@ -346,11 +346,11 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
             f"{math.degrees(zero):.6g}° (zero: {zero:.6g})"
         )
         yield mistake(FlagCode.DRIVE_ZERO, message, same, math.radians(turn) * (places == k))
-    # Rods, or the controller, as Fanuc's of its third joint, keep the way a forearm points whatever the upper arm does.
+    # Rods, or the controller (Fanuc's third joint), keep the direction of a forearm whatever the upper arm does.
     for before, k, along in _parallel(drives, drawing):
         change = same.copy()
         change[before, k] = -along
-        each = along * drives[before].factor / drives[k].factor  # a command of the one before counts so much
+        each = along * drives[before].factor / drives[k].factor  # by which a command of the one before counts
         named = f"'{drives[before].column}'" + ("" if abs(each) == 1.0 else f" times {abs(each):g}")
         message = (
             f"column {headings[k]} seems to count from a fixed direction, whatever '{drives[before].column}' does: the "
@@ -368,7 +368,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
 
 
 def _parallel(drives: Sequence[Drive], drawing: Drawing) -> Iterator[tuple[int, int, float]]:
-    """Yield each turning drive that carries another about a parallel axis, that one, and +1; -1 if it points back."""
+    """Yield each turning drive, each it carries about a parallel axis, and +1, or -1 where the axes are opposite."""
     model = drawing.mechanism.shared_model
     turning = {model.getJointId(drive.joint): k for k, drive in enumerate(drives) if drive.unit == "rad"}
     axes = dict(zip(turning, drawing.mechanism.joint_axes([*turning])[:, 3:], strict=True))
@@ -380,7 +380,7 @@ def _parallel(drives: Sequence[Drive], drawing: Drawing) -> Iterator[tuple[int, 
 
 
 def reversed_words(campaign: Campaign, name: str) -> str:
-    """Return what is said of a drive that is counted the other way."""
+    """Return the message for a drive of the opposite sign."""
     return f"column '{campaign.heading(name)}' seems to be counted the other way: its sign is reversed"
 
 
