@@ -1,4 +1,4 @@
-"""Measured data: one static pose a row, what was commanded, under which conditions, what was seen.
+"""Measured data, one static pose a row: what was commanded, under which conditions, and what was measured.
 
 Reading and writing the two files of a campaign, plans of poses, and measuring a virtual robot.
 """

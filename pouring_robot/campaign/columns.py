@@ -1,6 +1,6 @@
-"""The columns of a campaign: which there are and what they measure. Units ride on their names.
+"""The columns of a campaign: which there are and what they measure. Their names end in the unit.
 
-Which drives, travels and thermometers there are says the robot. Inside, values are in m, rad, kg and s, and
+The robot determines which drives, travels and thermometers there are. Internally, values are in m, rad, kg and s, and
 temperatures in °C, as the names of the fields say.
 """
 
@@ -21,13 +21,13 @@ POSITION, ROTATION = robot_file.POSITION, robot_file.ROTATION
 DISTANCE, DISTANCE_FROM = robot_file.DISTANCE
 MEASURED, AMBIENT = robot_file.MEASURED, robot_file.AMBIENT
 SET = ("mass", "length", "sign")
-"""Kinds of conditions that somebody sets row by row, loads, travels and sides; the others are measured."""
+"""Kinds of conditions that are set row by row: loads, travels and sides; the others are measured."""
 _STANDS, _LEAST_STEP = 1e-4, 1e-6
-"""Share of a drive's range in a campaign, and m or rad, below which a difference is jitter: the drive stood still."""
+"""Share of a drive's range in a campaign, and m or rad; a smaller difference is jitter, and the drive stood still."""
 
 
 def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
-    """Return what a campaign calls the drives."""
+    """Return the names of the drives in a campaign."""
     return tuple(drive.column for drive in robot.drives)
 
 
@@ -37,7 +37,7 @@ def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
 
 
 def force_names(robot: RobotDefinition) -> tuple[str, ...]:
-    """Return the columns that say what a drive carries: tension or the moment along its motion is positive."""
+    """Return the columns of the drives' forces: tension, or the moment along the motion, is positive."""
     return tuple(drive.force_column for drive in robot.drives)
 
 
@@ -52,7 +52,7 @@ def numeric_conditions(robot: RobotDefinition) -> tuple[str, ...]:
 
 
 def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return the columns of a campaign file: what was measured are places, poses, distances, or redundant drives."""
+    """Return the columns of a campaign file; measured are positions, poses, distances, or redundant drives."""
     session, time, *others = robot.condition_columns
     placed = not robot.loops.redundant_drives
     return (
@@ -76,7 +76,7 @@ def read_columns(table: Table | Path, robot: RobotDefinition) -> QuantityTable:
 
 
 def array_names(robot: RobotDefinition) -> dict[str, tuple[str, ...]]:
-    """Return the quantities that stand side by side in each array (n, k) of a campaign, by the name of its field."""
+    """Return the quantities in the columns of each array (n, k) of a campaign, by the name of its field."""
     return {
         "drives": drive_names(robot),
         "approach": approach_names(robot),
@@ -97,10 +97,10 @@ def sessions_of(table: QuantityTable) -> tuple[str, ...]:
 
 
 def runs_in_time(time_s: FloatArray, sessions: Sequence[object]) -> list[Indices]:
-    """Return the rows by index in the order of time, in one run or each session in its own.
+    """Return the rows by index in the order of time, in one run or in one a session.
 
-    Of each row its time and its session are given, (n,). Where time mixes sessions that stand one after the other in
-    the table, each has a clock that began anew.
+    Given are time and session of each row, (n,). Where the order of time would mix sessions that follow each other in
+    the table, each has a clock that was restarted.
     """
     order, names = np.argsort(time_s, kind="stable"), np.array(sessions)
     if np.count_nonzero(names[1:] != names[:-1]) >= np.count_nonzero(names[order][1:] != names[order][:-1]):
@@ -113,8 +113,8 @@ def from_the_row_before(
 ) -> FloatArray:
     """Return +1 where a drive rose to its value from the one before it in time, -1 where it fell, (n, drives).
 
-    One that stood still is where it was left. NaN where nobody knows where it came from: in the first row, also of a
-    session, and after a row without its value. Without all times (n,) the rows are in the order they were measured.
+    A drive that stood still keeps its side. NaN where the side is unknown: in the first row, also of a session, and
+    after a row without a value. Without all times (n,), rows are in the order of measurement.
     """
     order: Indices = np.arange(len(drives))
     if time_s is not None and np.isfinite(time_s).all():
@@ -125,7 +125,7 @@ def from_the_row_before(
     for number, row in enumerate(order):
         if sessions is not None and number and sessions[row] != sessions[order[number - 1]]:
             stood = side = np.full(drives.shape[1], np.nan)
-        step = drives[row] - stood  # from where it last came to a stop, so that creeping adds up
+        step = drives[row] - stood  # from where it last stopped, so that creep adds up
         moved = ~(np.abs(step) <= still)
         side = np.where(moved, np.sign(step), side)
         stood = np.where(moved, drives[row], stood)
@@ -136,7 +136,7 @@ def from_the_row_before(
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
     """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
 
-    Of drives and positions absent ones become NaN; other arrays are left out where all of them is absent or empty.
+    Absent drives and positions become NaN; other arrays are left out where all their columns are absent or empty.
     """
     known = {name for name, values in quantities.items() if np.isfinite(values).any()}
     absent = np.full(next(iter(quantities.values())).size, np.nan)

@@ -43,27 +43,26 @@ if TYPE_CHECKING:
 class Campaign(Result):
     """n static poses in SI units; temperatures in °C as their names say. Arrays are read-only.
 
-    Missing cells are NaN. An array is None when no column of it was in the file (or every cell of them is empty).
+    Missing cells are NaN. An array is None when none of its columns was in the file (or every cell of them is empty).
 
     Attributes:
-        path: the table's file; where a campaign was made in memory, the name it would have.
+        path: the table's file; for a campaign made in memory, the name it would have.
         lines: (n,) line of each row in the file (the header is line 1; in Parquet, the row from 1).
-        samples: (n,) the user's name of each row; "" where none was given.
-        sessions: (n,) the session of each row; all "1" without a column.
-        headings: heading in the file of each quantity that was there, by quantity name (``q1`` → ``q1_mm``).
-        ignored_columns: headings that are no part of the contract and were left out.
+        samples: (n,) the user's name for each row; "" where none was given.
+        sessions: (n,) the session of each row; all "1" without such a column.
+        headings: heading in the file of each quantity it holds, by quantity name (``q1`` → ``q1_mm``).
+        ignored_columns: headings that are not part of the format and were left out.
         drives: (n, drives) commanded values of the driven joints, in m and rad, in the robot's order.
         position_m: (n, 3) measured origin of the target in the tracker frame, in m.
         rotation_vector_rad: (n, 3) measured rotation vector of the target in the tracker frame, in rad; None for a
             campaign of positions only.
         distance_m: (n, 1) measured distance of the target from a fixed point, the origin of the tracker frame, or
             from where it was in the row whose sample :attr:`distance_from` names, in m; None where none was measured.
-        distance_from: (n,) that sample; "" for the fixed point, as are all where it is empty.
-        force: (n, drives) what was measured of the force or moment on each drive along its motion, in N and Nm,
-            tension positive.
-        approach: (n, drives) +1 where the joint of the drive was rising when it stopped, -1 falling: in the table it is
-            the command that rises, which with a negative ratio is the other way round.
-        conditions: (n,) values of each condition that is known, by quantity name, in s, kg, m and °C: ``time``,
+        distance_from: (n,) that sample; "" for the fixed point. If empty, all are from the fixed point.
+        force: (n, drives) measured force or moment on each drive along its motion, in N and Nm, tension positive.
+        approach: (n, drives) +1 where the drive's joint was rising when it stopped, -1 falling. The table refers to the
+            command, which with a negative ratio has the opposite sign.
+        conditions: (n,) values of each known condition, by quantity name, in s, kg, m and °C: ``time``,
             ``payload``, ``ambient``, the robot's travels and thermometers.
     """
 
@@ -108,7 +107,7 @@ class Campaign(Result):
         for unknown in (name for name in self.conditions if name not in conditions):
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
-        known = {name: values for name, values in kept.items() if not np.isnan(values).all()}  # as of empty columns
+        known = {name: values for name, values in kept.items() if not np.isnan(values).all()}  # without empty columns
         object.__setattr__(self, "conditions", locked(known))
         for quantity in self._quantities.values():
             values = None if quantity.kind == "label" else self.command(quantity.name)
@@ -128,10 +127,10 @@ class Campaign(Result):
 
     @classmethod
     def of(cls, campaign: Campaign | Path | str, robot: RobotDefinition | None = None) -> Campaign:
-        """Return a campaign: itself, or read from its table; see :meth:`read`.
+        """Return the campaign itself, or read it from its table; see :meth:`read`.
 
         Raises:
-            BadInputError: it is neither, or the campaign of another robot.
+            BadInputError: it is neither, or a campaign of another robot.
         """
         if isinstance(campaign, Path | str):
             return cls.read(campaign, robot)
@@ -144,15 +143,15 @@ class Campaign(Result):
     def read(cls, path: Path | str, robot: AnyRobot = None) -> Campaign:
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
-        Empty cells become NaN. What is wrong with the *values* is the business of
-        :func:`pouring_robot.check_campaign`; here only what cannot be understood is refused. ``robot`` may be the path
-        of its file; without one it is the pouring robot's.
+        Empty cells become NaN. Only what cannot be understood is refused here; the *values* are checked by
+        :func:`pouring_robot.check_campaign`. ``robot`` may be the path of its file; without one it is the pouring
+        robot's.
 
         Raises:
-            CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
-                twice, a required column is missing, or a cell is no number; names file, line and column.
+            CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or occurs
+                twice, a required column is missing, or a cell is not a number; names file, line and column.
             DescriptionError: a key or value of the YAML file is wrong; names line and key.
-            BadInputError: ``robot`` is none, or a file of it is wrong.
+            BadInputError: ``robot`` is not a robot, or a file of it is wrong.
         """
         expect(path, Path | str, "Campaign.from_frame takes a data frame; read takes the path of a table")
         path, robot = Path(path), definition_of(robot)
@@ -172,10 +171,10 @@ class Campaign(Result):
         *,
         path: Path | str = "campaign.csv",
     ) -> Campaign:
-        """Make a campaign of a pandas data frame with the columns of its table, units on their names.
+        """Make a campaign from a pandas data frame with the columns of its table, units on their names.
 
-        ``metadata`` may be a mapping that says what the YAML file says, ``{}`` nothing; ``path`` is the name that the
-        campaign is to have. Raises as :meth:`read`; rows are counted from 1.
+        ``metadata`` may be a mapping with the content of the YAML file, ``{}`` if nothing is stated; ``path`` is the
+        name that the campaign is to have. Raises as :meth:`read`; rows are counted from 1.
         """
         import pandas
 
@@ -216,19 +215,19 @@ class Campaign(Result):
         """Write and return the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
 
         Raises:
-            OutputError: a file is there already and ``overwrite`` is not set, it cannot be written, or the suffix is
-                none that is.
+            OutputError: a file is there already and ``overwrite`` is not set, it cannot be written, or not with that
+                suffix.
         """
         table, metadata = write_together(self.contents(Path(path)), overwrite=overwrite)
         return table, metadata
 
     def contents(self, path: Path) -> dict[Path, bytes]:
-        """Return what the two files would hold, by path; raises OutputError of a suffix of no table that is written."""
+        """Return what the two files would hold, by path; raises OutputError for a suffix that cannot be written."""
         return campaign_files(path, self._columns(), self.metadata)
 
     @property
     def headline(self) -> str:
-        """What is in it, in one line."""
+        """Its content in one line."""
         return f"{len(self)} {self.seen} in {counted(len(set(self.sessions)), 'session')}, {self.path.name}"
 
     def __len__(self) -> int:
@@ -241,7 +240,7 @@ class Campaign(Result):
 
     @property
     def seen(self) -> str:
-        """What was measured, in words, and how many rows have it whole where some are incomplete."""
+        """What was measured, in words, and the number of complete rows where some are incomplete."""
         if not (self.full_pose or self.position_measured.any()):
             return "distances" if self.distance_m is not None else "closures"
         said, count = ("full poses", 6) if self.full_pose else ("positions", 3)
@@ -256,12 +255,12 @@ class Campaign(Result):
 
     @functools.cached_property
     def redundant_drives(self) -> int:
-        """How many drives are more than the robot's freedoms: so many closures are measured in every row."""
+        """Number of drives beyond the robot's freedoms: the number of closures measured in every row."""
         return redundant_drives(self.robot.mechanism()) if self.robot.loops.redundant_drives else 0
 
     @functools.cached_property
     def distance_start(self) -> Indices:
-        """Row from which each distance is measured, (n,); -1 for the fixed point, -2 for a row that is left out."""
+        """Row from which each distance is measured, (n,); -1 for the fixed point, -2 for a row not in this campaign."""
         rows = {sample: row for row, sample in enumerate(self.samples)}
         starts = self.distance_from or ("",) * len(self)
         return np.array([rows.get(name, -2) if name else -1 for name in starts], dtype=np.intp)
@@ -293,7 +292,7 @@ class Campaign(Result):
 
     @property
     def usable(self) -> BoolArray:
-        """Which rows can be compared with a model, (n,): all drives known and anything measured, also from there."""
+        """Which rows can be compared with a model, (n,): all drives known, and anything measured in it or from it."""
         commanded = np.isfinite(self.drives).all(axis=1)
         measured = np.asarray(self._values_known.any(axis=1) | self.robot.loops.redundant_drives)
         if self.distance_m is not None:
@@ -317,7 +316,7 @@ class Campaign(Result):
         return self.conditions.get("payload")
 
     def drive_values(self, row: int) -> dict[str, float]:
-        """Return the commanded drives of a row by joint name, in m and rad: what the solvers take."""
+        """Return the commanded drives of a row by joint name, in m and rad, as the solvers take them."""
         return {drive.joint: float(value) for drive, value in zip(self.robot.drives, self.drives[row], strict=True)}
 
     def with_conditions(self, **changes: FloatArray | None) -> Campaign:
@@ -349,7 +348,7 @@ class Campaign(Result):
         return values[:, column] if kept else None
 
     def command(self, name: str) -> FloatArray | None:
-        """Return a quantity as its column holds it: that of a drive with a gear is the motor's, not the joint's."""
+        """Return a quantity as its column holds it: of a drive with a gear the motor's value, not the joint's."""
         values = self.quantity(name)
         array, column = self._places.get(name, ("", 0))
         if array not in ("drives", "approach") or values is None:
@@ -364,7 +363,7 @@ class Campaign(Result):
     def missing_conditions(self) -> tuple[str, ...]:
         """Return the conditions the campaign does not have, by canonical heading (``payload_kg``, ``leg1_degC``).
 
-        What depends on them cannot be tested with it.
+        Effects that depend on them cannot be tested with it.
         """
         spared = {*self.robot.thermometers} - {*self.robot.expected_thermometers}
         known = (q for q in self.robot.condition_columns if q.kind != "label" and q.name not in spared)
@@ -375,7 +374,7 @@ class Campaign(Result):
         """Return a campaign of the given rows (indices from 0, or a mask of shape (n,)), in the given order.
 
         Raises:
-            BadInputError: no row is left, an index is out of range, or a mask of another length.
+            BadInputError: no row is left, an index is out of range, or a mask has another length.
         """
         given, count = np.asarray(rows), len(self)
         try:
@@ -400,7 +399,7 @@ class Campaign(Result):
         return pandas.DataFrame({quantity.canonical: list(values) for quantity, values in self._columns()})
 
     def _columns(self) -> Iterator[tuple[Quantity, FloatArray | Sequence[str]]]:
-        """Yield the columns there are, as a file holds them."""
+        """Yield the existing columns, as a file holds them."""
         labels = {"sample": self.samples, "session": self.sessions, columns.DISTANCE_FROM: self.distance_from}
         for quantity in self._quantities.values():
             values = labels[quantity.name] if quantity.kind == "label" else self.command(quantity.name)
@@ -409,11 +408,11 @@ class Campaign(Result):
 
 
 def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
-    """Say what is wrong with columns that are another robot's, if the YAML beside them names one."""
+    """Raise CampaignError that the columns are another robot's, if the YAML of the table names one."""
     try:
         named = read_metadata(metadata_path(path)).robot
     except PouringRobotError:
-        return  # that is another matter, and the columns come first
+        return  # the YAML's own mistake; that of the columns comes first
     if named and named != robot.name:
         said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
         mend = "name its robot file (--robot; in Python the argument robot, its path)"
@@ -421,7 +420,7 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
 
 
 def _texts(values: Any) -> tuple[str, ...]:
-    """Return labels of rows as texts; numbers that count may stand for them."""
+    """Return labels of rows as texts; whole numbers are accepted, too."""
     for label in (labels := as_tuple(values)):
         expect(label, str | Integral, "each sample, session and distance_from of a campaign is a text")
     return tuple(map(str, labels))

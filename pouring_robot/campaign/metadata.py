@@ -1,4 +1,4 @@
-"""``campaign.yaml``: what holds for a whole campaign, in its own units and in SI units; writing both files of one."""
+"""``campaign.yaml``: facts about a whole campaign, in the file's units and in SI units; writing both of its files."""
 
 import io
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ from pouring_robot.robot.heat_section import Surroundings
 
 _Tare = Annotated[float, Field(gt=0.0, le=LIMITS["mass"][1])]
 LEAST_SIGMA = 1e-8
-"""In m or rad, the least noise that may be stated: files hold hardly more digits, and what is left over such a noise is
+"""In m or rad, the least noise that may be stated: files hold hardly more digits, and residuals at such a noise are
 rounding."""
 Triple = tuple[float, float, float]
 Frames = Literal["one", "per session"]
@@ -34,19 +34,19 @@ _DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temper
 
 
 class CampaignMetadata(StrictModel):
-    """What holds for a whole campaign, in SI units. None: not stated."""
+    """Facts about a whole campaign, in SI units. None: not stated."""
 
-    robot: str | None = None  # the name of whose robot file says
+    robot: str | None = None  # the name in its robot file
     description: str = ""
-    target: str = "moving_platform"  # the body the target sits on; where on it is unknown and always fitted
-    frame: str = "tracker"  # in which measurements are given; where it stands is unknown and always fitted
-    frames: Frames = "one"  # whether that is one place, or the tracker was set up anew in each session
+    target: str = "moving_platform"  # the body that carries the target; the place on it is unknown and always fitted
+    frame: str = "tracker"  # in which measurements are given; its place is unknown and always fitted
+    frames: Frames = "one"  # whether the tracker has one place, or was set up anew in each session
     sigma_position_m: Size | None = None  # standard deviation of a measured coordinate
     sigma_rotation_rad: Size | None = None  # of a component of the measured rotation
     sigma_distance_m: Size | None = None  # of a distance
-    sigma_closure_m: Size | None = None  # of what redundant drives disagree by
-    screw_pitch_m: Size | None = None  # travel of a sliding drive a turn of its screw
-    # who says the side each drive came from: the table alone, or each pose was driven to straight from the one before
+    sigma_closure_m: Size | None = None  # of the disagreement of redundant drives
+    screw_pitch_m: Size | None = None  # travel of a sliding drive per turn of its screw
+    # source of the side each drive came from: the table alone, or also the row before, where poses follow directly
     approach: Approach = "stated"
     truss_span_m: Size | None = None  # length of the rails
     ladle_tare_kg: _Tare | None = None  # mass of the empty ladle
@@ -61,7 +61,7 @@ class CampaignMetadata(StrictModel):
 
     @property
     def own_frames(self) -> bool:
-        """Whether each session measured from a place of its own."""
+        """Whether each session was measured from a place of its own."""
         return self.frames == PER_SESSION
 
     @property
@@ -85,8 +85,8 @@ _KEYS: dict[str, dict[str, tuple[str, ...]]] = {
         "ladle_centre_of_mass_m": ("centre_of_mass_mm", "centre_of_mass_m"),
     },
 }
-"""The facts of each section of the file, named as in :class:`CampaignMetadata`: the keys that each may have, the one
-that is written first; the unit is what a key ends in."""
+"""The facts of each section of the file, named as in :class:`CampaignMetadata`, with the keys that each may have, first
+the one that is written; a key ends in its unit."""
 
 
 class _Section(StrictModel):
@@ -111,7 +111,7 @@ class _Section(StrictModel):
 
 
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
-    """Return a section of the file as a field: its type, and what it is where it is left out."""
+    """Return a section of the file as a field: its type, and its value where it is left out."""
     typed: dict[str, Any] = {key: (_kind(fact, key) | None, None) for fact, keys in _KEYS[name].items() for key in keys}
     kind = pydantic.create_model(f"_{name}", __base__=_Section, **typed, **more)
     kind.keys = _KEYS[name]
@@ -123,7 +123,7 @@ def _unit(key: str) -> str:
 
 
 def _kind(fact: str, key: str) -> Any:
-    """Return the type of a fact as its key has it."""
+    """Return the type of a fact in the unit of its key."""
     if fact.startswith("sigma_"):
         return Annotated[float, Field(ge=float(f"{LEAST_SIGMA * OF_UNIT[_unit(key)][0]:.3g}"), lt=1e9)]
     return {"ladle_centre_of_mass_m": Triple, "ladle_tare_kg": _Tare}.get(fact, Size)
@@ -167,7 +167,7 @@ def read_metadata(path: Path | str) -> CampaignMetadata:
 
 
 def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadata:
-    """Return what such a file, which is or would be at ``path``, says; raises as :func:`read_metadata`."""
+    """Return the metadata in such a file's content, of or for ``path``; raises as :func:`read_metadata`."""
     file = validate(_FILE, content, path)
     facts = file.facts()
     for name in _KEYS:
@@ -178,7 +178,7 @@ def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadat
 
 
 def metadata_text(metadata: CampaignMetadata) -> str:
-    """Return metadata as the text of a campaign's YAML file, in the units people use; what is None is left out."""
+    """Return metadata as the text of a campaign's YAML file, in usual units; facts that are None are left out."""
     content: dict[str, Any] = {"robot": metadata.robot} if metadata.robot else {}
     content["description"] = metadata.description
     content["metrology"] = {"target": metadata.target, "frame": metadata.frame}
@@ -187,8 +187,8 @@ def metadata_text(metadata: CampaignMetadata) -> str:
     for name, facts in _KEYS.items():
         for fact, (key, *_) in facts.items():
             if (value := getattr(metadata, fact)) is not None:
-                told = [float(f"{one * OF_UNIT[_unit(key)][0]:.12g}") for one in np.ravel(value).tolist()]
-                content.setdefault(name, {})[key] = told if isinstance(value, tuple) else told[0]
+                shown = [float(f"{one * OF_UNIT[_unit(key)][0]:.12g}") for one in np.ravel(value).tolist()]
+                content.setdefault(name, {})[key] = shown if isinstance(value, tuple) else shown[0]
     if metadata.approach != "stated":
         content.setdefault("drives", {})["approach"] = metadata.approach
     if metadata.reference_temperature_degC is not None:
@@ -197,7 +197,7 @@ def metadata_text(metadata: CampaignMetadata) -> str:
 
 
 def check_table_name(path: Path) -> None:
-    """Refuse the name of a campaign's table, by its suffix, before the work; raises OutputError."""
+    """Refuse a name of a campaign's table by its suffix, before any work; raises OutputError."""
     if path.suffix.lower() in (".yaml", ".yml"):
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
     check_ending(path, (*CSV_SUFFIXES, *PARQUET_SUFFIXES))
@@ -206,9 +206,9 @@ def check_table_name(path: Path) -> None:
 def campaign_files(
     path: Path, columns: Iterable[tuple[Quantity, FloatArray | Sequence[str]]], metadata: CampaignMetadata
 ) -> dict[Path, bytes]:
-    """Return what the two files of a campaign hold, by path: the table, CSV or Parquet by its suffix, and the YAML.
+    """Return the contents of a campaign's two files, by path: the table, CSV or Parquet by its suffix, and the YAML.
 
-    Columns hold their n values in inner units; labels that are all empty are left out. Raises OutputError as
+    Columns hold their n values in internal units; labels that are all empty are left out. Raises OutputError as
     :func:`check_table_name`.
     """
     check_table_name(path)

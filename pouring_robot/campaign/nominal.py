@@ -46,7 +46,7 @@ class PoseStack:
 def nominal_poses(drawing: Drawing, drives: FloatArray) -> PoseStack:
     """Return the pose of the end body in the base of the drawing for drives (n, drives), in m and rad.
 
-    Rows with missing drives, or drives that no pose has, are NaN.
+    Rows with missing drives, or drives out of reach, are NaN.
     """
     start = drawing.starts(drives)
     return PoseStack(start.position, start.rotation)

@@ -1,4 +1,4 @@
-"""Pose plans: what to command, under which conditions; from a CSV file or at random."""
+"""Pose plans: what to command, and under which conditions; from a CSV file or at random."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,13 +25,13 @@ _POUR_CYCLE = 25  # poses from one filling of the ladle to the next
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """What to command and what is known of each of n poses."""
+    """Commands and conditions of each of n poses."""
 
     poses: tuple[Command, ...]  # poses of the pouring robot's platform, drive values of another robot
-    drives: FloatArray  # what the controller commands for them, (n, drives), in m and rad
+    drives: FloatArray  # the drives commanded for them, (n, drives), in m and rad
     samples: tuple[str, ...]  # their names; "" where none
     sessions: tuple[str, ...]
-    # values (n,) of each condition that is planned, by quantity name, in m, kg, s and °C
+    # values (n,) of each planned condition, by quantity name, in m, kg, s and °C
     conditions: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -42,11 +42,11 @@ class PosePlan:
 
     @property
     def rows(self) -> FloatArray:
-        """The commands number by number, (n, k), in m and rad."""
+        """The commands as numbers, (n, k), in m and rad."""
         return np.array([(*p.position_m, p.tilt_rad) if isinstance(p, PlatformPose) else p for p in self.poses])
 
     def given(self, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
-        """Return the conditions by heading in inner units; sessions where there are several."""
+        """Return the conditions by heading in internal units, and the sessions where there are several."""
         numbers = {q.canonical: self.conditions.get(q.name) for q in robot.condition_columns}
         sessions = {"session": self.sessions} if len(set(self.sessions)) > 1 else {}
         return {heading: values for heading, values in numbers.items() if values is not None} | sessions
@@ -99,7 +99,7 @@ def plan_of(
 ) -> PosePlan:
     """Return a plan of commands (n, k) and their drives (n, drives), in m and rad.
 
-    Approaches that are no conditions follow from the order.
+    Approaches that are not among the conditions follow from the order.
     """
     poses = tuple(robot.command_at(row) for row in commands)
     return PosePlan(poses, drives, samples, sessions, approaches(robot.model.definition, drives) | conditions)
@@ -116,11 +116,11 @@ def refuse_redundant(robot: Robot) -> None:
 
 
 def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
-    """Return commands drawn evenly, where the robot can go, with a plausible day's conditions.
+    """Return commands drawn uniformly among reachable poses, with the conditions of a plausible day.
 
-    From the workspace box, or between the drives' limits. Conditions (parts warming up; of the pouring robot also load
-    falling from pour to pour and truss somewhere on its rails) are drawn too, so that whatever in a model depends on
-    them shows.
+    They are drawn from the workspace box, or between the drives' limits. Conditions (parts that warm up; for the
+    pouring robot also a load that decreases from pour to pour, and a truss at random places on its rails) are drawn,
+    too, so that every effect in a model that depends on them shows.
 
     Raises:
         BadInputError: there is no robot, its drives are redundant, the count is not between 1 and 100,000, the seed is
@@ -149,7 +149,7 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
 
 
 def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:
-    """Return the side that each drive comes from, (n,) by the column's name: by the row before; the first rose."""
+    """Return the side that each drive comes from, (n,) by the column's name: by the row before; in the first, +1."""
     sides = zip(robot.drives, columns.from_the_row_before(drives).T, strict=True)
     return {drive.approach_column: np.where(np.isnan(side), 1.0, drive.side(side)) for drive, side in sides}
 

@@ -1,4 +1,4 @@
-"""Virtual measurement: the campaign of a robot as built, with noise, gross errors, frames and lost cells."""
+"""Virtual measurement: the campaign of a robot as built, with noise, gross errors, unknown frames and lost cells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -71,10 +71,10 @@ class MeasurementOptions(Options):
 
 @dataclass(frozen=True, eq=False)
 class VirtualMeasurement:
-    """A campaign as a user would get it, and what was hidden in it."""
+    """A campaign as a user would get it, and the hidden truth."""
 
     campaign: Campaign
-    # of the moving platform in the fixed platform of the robot as built, row by row
+    # of the moving platform in the frame of the fixed platform, of the robot as built, row by row
     actual_poses: tuple[pin.SE3, ...] = field(repr=False)
     pose_tracker_to_fixed_platform: pin.SE3 = field(repr=False)
     pose_platform_to_target: pin.SE3 = field(repr=False)
@@ -83,7 +83,7 @@ class VirtualMeasurement:
     seed: int
 
     def truth_text(self, model: Path | None = None) -> str:
-        """Return what was hidden as JSON text; ``model`` is the model file the robot came from."""
+        """Return the hidden truth as JSON text; ``model`` is the model file the robot came from."""
         content = {
             "seed": self.seed,
             "model": None if model is None else str(model),
@@ -108,18 +108,18 @@ def simulate_campaign(
     scale: ArrayLike = 0.0,
     progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
-    """Measure a robot as built, which closes its loops at the commanded drives, without having it.
+    """Simulate measurements of a robot as built, which closes its loops at the commanded drives.
 
-    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
-    on the conditions of the plan. ``scale`` is the relative error of the tracker's scale, a number or one a pose, (n,):
-    positions come 1 + scale times as far from its own origin. No robot has it: where a model does, both are what
-    ``RobotUnderConditions(robot, …).seen(plan.drives)`` returns.
+    ``path`` is the name the campaign is to have; ``robots`` are the states of the robot at each pose, where these
+    depend on the conditions of the plan. ``scale`` is the relative scale error of the tracker, one number or one a
+    pose, (n,): positions are multiplied by 1 + scale about the tracker's origin. It is not part of a robot: where a
+    model has it, ``RobotUnderConditions(robot, …).seen(plan.drives)`` returns both robots and scale.
 
     Raises:
-        BadInputError: there is no robot or plan, options or path are none, the model has effects that depend on
-            conditions and there are no ``robots``, or another number of them or of scales, more gross errors than rows
-            are asked for, or the robot has redundant drives: what they read follows from where the body is, not the
-            other way round.
+        BadInputError: there is no robot or plan, options or path are of a wrong type, the model has effects that depend
+            on conditions and ``robots`` is missing, the number of robots or scales is not that of poses, there are more
+            gross errors than rows, or the robot has redundant drives: their readings follow from the body's pose, not
+            the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
@@ -170,7 +170,7 @@ def simulate_campaign(
 def _actual_poses(
     robot: Robot, plan: PosePlan, robots: Sequence[Robot] | None, path: Path, progress: Progress
 ) -> list[pin.SE3]:
-    """Return where the robot as built stands at each pose: all at once where one robot stands at all, and unloaded."""
+    """Return the pose of the robot as built at each pose of the plan: in one batch for one robot without load."""
     rows, found = len(plan), dict[int, pin.SE3]()
     if robots is None and not robot.loaded:
         command, within = robot.drawing.commands(plan.rows), robot.drawing.in_reach
@@ -179,7 +179,7 @@ def _actual_poses(
         found = {row: pin.SE3(closed.rotation[row], closed.position[row]) for row in sound.tolist()}
     actual = []
     for row, (standing, pose) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
-        try:  # what was not found is asked for by itself, which says why
+        try:  # a pose that was not found is closed alone, which says why
             actual.append(found[row] if row in found else standing.actual_of(pose).pose_base_to_end)
         except NoSolutionError as error:
             raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
@@ -188,7 +188,7 @@ def _actual_poses(
 
 
 def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[pin.SE3, pin.SE3]:
-    """Return the frames given, or drawn: a tracker a few metres off, a target within reach of a hand; any attitude."""
+    """Return the frames given, or drawn: tracker 2 to 5 m off, target at 0.05 to 0.25 m, in any orientation."""
 
     def draw(lower: float, upper: float) -> pin.SE3:
         direction, attitude = random.normal(size=3), random.normal(size=4)
@@ -202,7 +202,7 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
 
 
 def metadata_of(robot: Robot) -> dict[str, Any]:
-    """Return what the metadata of a campaign may state of a robot, by their names there."""
+    """Return the facts about a robot that a campaign's metadata may state, by their names there."""
     if not isinstance(robot, PouringRobot):
         return {"target": robot.model.definition.loops.end_frame, "reference_temperature_degC": REFERENCE_DEGC}
     layout, ladle = robot.layout, robot.layout.ladle
