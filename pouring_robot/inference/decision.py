@@ -137,44 +137,57 @@ def judge(
         """Return the processes whose sum explains the residual, computed only where needed."""
         return tuple(discrepancy.sum(thresholds.evidence_of_one_in(len(discrepancy)), _MOST_PARTS))
 
-    structures = discrepancy.structures()
-    effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
-    independent = _independent(hypothesis, effects, varied, thresholds)
-    large = [_cause(hypothesis, effect, thresholds) for effect in independent]
-    adds = [_added(hypothesis, cause.indices) for cause in large]
-    faint = min(adds, default=0.0) < thresholds.minor_share * max(adds, default=0.0)
-    remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint else 0.0
-    causes = _above(large, adds, remainder, thresholds)
-    at_work = {cause.effect for cause in causes}
-    minor = tuple(effect for effect in effects if effect not in at_work)
+    causes, minor = _causes(hypothesis, thresholds, varied, rest)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
-    found = Judgement("unknown", tuple(causes), tuple(structures), challenges, (), len(discrepancy), thresholds, minor)
+    found = Judgement(
+        "unknown", causes, tuple(discrepancy.structures()), challenges, (), len(discrepancy), thresholds, minor
+    )
     found, beside = replace(found, larger_noise=larger_noise), discrepancy
     if noise_known and not found.scatters and (found.clear_structures or found.beaten):
         one = np.zeros(len(hypothesis.problem.residual), dtype=np.intp)
         found, beside = _as_noise(discrepancy, found, one if kind is None else kind)
-        causes = [*found.causes]
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
         # Where something is unknown, each cause must have evidence that it is no part of that.
         least, limit = thresholds.evidence_of_one_in(1), found.structure_evidence
         doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
         found = replace(found, doubtful=tuple(doubtful))
+    causes = found.causes
     if not causes and (found.scatters or not reasons):
         small = workmanship_causes(beside.hypothesis if found.scatters else hypothesis, thresholds)
-        causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
+        causes = tuple(cause for cause in small if cause.effect in hypothesis.problem.known)
         reasons += [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
-    verdict: Verdict = "named"
-    if reasons:
-        verdict = "unknown"
-    elif not causes:
-        verdict = "no_gap"
-    elif any(cause.alternatives for cause in causes):
-        verdict = "group"
+    verdict = _verdict(causes, reasons)
     if verdict == "unknown" and not found.scatters:
         size = min(_unknown_size(discrepancy, found, rest), hypothesis.problem.given_size)  # others cancel any excess
         found = replace(found, remainder=rest() if found.clear_structures else (), unknown_size=size)
-    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons))
+    return replace(found, verdict=verdict, causes=causes, reasons=tuple(reasons))
+
+
+def _causes(
+    hypothesis: Hypothesis, thresholds: Thresholds, varied: Varied, rest: Callable[[], Sequence[Summand]]
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """Return the causes among the effects of a hypothesis, and the effects that are none.
+
+    ``rest`` gives the processes whose sum explains the residual.
+    """
+    effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
+    independent = _independent(hypothesis, effects, varied, thresholds)
+    large = [_cause(hypothesis, effect, thresholds) for effect in independent]
+    adds = [_added(hypothesis, cause.indices) for cause in large]
+    faint = min(adds, default=0.0) < thresholds.minor_share * max(adds, default=0.0)
+    remainder = rms(np.sum([one.part for one in rest()], axis=0)) if faint else 0.0
+    causes = tuple(_above(large, adds, remainder, thresholds))
+    at_work = {cause.effect for cause in causes}
+    return causes, tuple(effect for effect in effects if effect not in at_work)
+
+
+def _verdict(causes: Sequence[Cause], reasons: Sequence[str]) -> Verdict:
+    if reasons:
+        return "unknown"
+    if not causes:
+        return "no_gap"
+    return "group" if any(cause.alternatives for cause in causes) else "named"
 
 
 def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[], Sequence[Summand]]) -> float:
