@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -199,6 +199,15 @@ def _located(diagnoser: Diagnoser) -> Iterator[Callable[[Diagnosis], Diagnosis]]
         yield located
 
 
+class _Concluded(NamedTuple):
+    """What may be said of what was found."""
+
+    judgement: Judgement
+    after: LinearState  # the amended state
+    hypothesis: Hypothesis
+    in_turn: CrossValidatedGap | None  # the gap of blocks held out in turn, where rows are few
+
+
 @dataclass(frozen=True)
 class _Work:
     """The diagnosis of one campaign, repeated as often as needed."""
@@ -256,27 +265,36 @@ class _Work:
     def judged(self, found: Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Return the diagnosis of what was found."""
         self.say("asking whether what is left has structure", 0, 0)
-        asked, diagnoser = found.asked, found.diagnoser
-        rows, fitted, before = diagnoser.rows, diagnoser.fitted, diagnoser.at_rest()
+        diagnoser = found.diagnoser
+        rows, before = diagnoser.rows, diagnoser.at_rest()
         free_residuals(before, rows)  # raises for too few rows now, not when ``where`` is asked for
         misfit = self._doubted(found) or _misfit(rows, before.linear)
         unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
-        judgement, after, hypothesis, in_turn = self._concluded(found, before, misfit, unsettled)
-        if judgement.larger_noise and not found.larger_noise:
+        concluded = self._concluded(found, before, misfit, unsettled)
+        larger = concluded.judgement.larger_noise
+        if larger and not found.larger_noise:
             self.say("searching again under a larger noise", 0, 0)
-            anew = self.judged(found.under_larger(judgement.larger_noise), flags)
+            anew = self.judged(found.under_larger(larger), flags)
             if not (anew.judgement.clear_structures or anew.judgement.beaten):
                 return anew
             # A process is clear under that noise, given what is found with it: it is no larger noise.
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
-            judgement, after, hypothesis, in_turn = concluded
+        return self._believed(self._diagnosis(found, before, concluded, flags, misfit), unsettled)
+
+    def _diagnosis(
+        self, found: Searched, before: LinearState, concluded: _Concluded, flags: tuple[DataFlag, ...], misfit: str
+    ) -> Diagnosis:
+        """Put together what is known of a campaign."""
+        judgement, after, hypothesis, in_turn = concluded
+        asked, diagnoser = found.asked, found.diagnoser
+        rows, fitted = diagnoser.rows, diagnoser.fitted
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
         covariances = diagnoser.covariances(hypothesis, after, unexplained=unknown)
         parameters = diagnoser.parameters_of(hypothesis, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
-        diagnosis = Diagnosis(
+        return Diagnosis(
             campaign=self.campaign,
             model=self.model,
             rows=rows,
@@ -307,15 +325,21 @@ class _Work:
             ),
             next_count=self.options.next_count,
         )
+
+    def _believed(self, diagnosis: Diagnosis, unsettled: str) -> Diagnosis:
+        """Return a diagnosis, in doubt of all causes where what was found does not do in the model what it should."""
+        judgement = diagnosis.judgement
         # What no model can include, or does not do in it what it was found for, is no cause, however well it explains.
         why = (diagnosis.refused if judgement.names else "") or unsettled
         causes = [self.effects[cause.effect] for cause in judgement.causes if cause.indices]  # without workmanship
-        if in_turn and causes and not why and not any(cause.passes for cause in causes):  # these no model predicts
-            why = in_turn.refuted
+        lasting = not any(cause.passes for cause in causes)  # others no model predicts
+        if diagnosis.in_turn and causes and not why and lasting:
+            why = diagnosis.in_turn.refuted
         if not why:
             return diagnosis
-        misfit = misfit if judgement.verdict == "unknown" else why
-        return replace(diagnosis, misfit=misfit, judgement=judgement.disbelieved(why, hypothesis.problem.given_size))
+        misfit = diagnosis.misfit if judgement.verdict == "unknown" else why
+        gap = diagnosis.hypothesis.problem.given_size
+        return replace(diagnosis, misfit=misfit, judgement=judgement.disbelieved(why, gap))
 
     def _doubted(self, found: Searched) -> str:
         """Return which rows may be wrong, in words, if too few would remain without them; "" if there are none."""
@@ -327,8 +351,8 @@ class _Work:
 
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
-    ) -> tuple[Judgement, LinearState, Hypothesis, CrossValidatedGap | None]:
-        """Return the judgement, the amended state, its hypothesis, and the gap in blocks held out in turn."""
+    ) -> _Concluded:
+        """Return what may be said of what was found."""
         diagnoser, after, hypothesis = found.diagnoser, found.after, found.hypothesis
         rows, fitted = diagnoser.rows, diagnoser.fitted
         # Where the noise is not stated, scatter from row to row counts as noise.
@@ -358,7 +382,7 @@ class _Work:
         if passing and judgement.causes:  # they belong to these rows, not to the robot
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)
             after, hypothesis = diagnoser.settled(after, hypothesis)
-        return judgement, after, hypothesis, in_turn
+        return _Concluded(judgement, after, hypothesis, in_turn)
 
 
 def _noise_notes(noise: NoiseLevel) -> list[str]:
